@@ -1,0 +1,1 @@
+"""Actuators: how a command becomes joint effort."""

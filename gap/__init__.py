@@ -1,0 +1,1 @@
+"""From a log of the real robot to the named effect, added to the model."""

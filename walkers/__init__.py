@@ -1,0 +1,1 @@
+"""Robots as composer entities, and the lock-step engine that steps many of them."""
