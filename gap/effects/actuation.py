@@ -1,0 +1,238 @@
+"""The drive: its gains, its torque and its limits."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from walkerkit.actuators.drive import Drive
+from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
+from walkerkit.gap.robot import Robot
+from walkerkit.gap.trials import Trials
+
+
+def _servo(robot: Robot, joint: str) -> Drive | None:
+    return robot.joints[joint].drive("position")
+
+
+class PositionGain(JointEffect):
+    """The drive's proportional gain is not the model's."""
+
+    name = "position_gain"
+    equation = "τ = Δkp (u − q), Δkp: kp [N·m/rad]"
+    symptom = "proportional to position error"
+    added_as = "actuator gainprm, biasprm"
+    source = "MuJoCo XML reference, actuator/position/kp"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Joints with a position actuator."""
+        return _servo(robot, joint) is not None
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The gain to add."""
+        drive = _servo(robot, site)
+        kp = drive.stiffness if drive else 1.0
+        return (
+            Parameter(
+                name="kp",
+                unit="N/m" if robot.joints[site].slide else "N·m/rad",
+                lower=-0.95 * kp,
+                upper=10 * kp,
+                scale=0.1 * kp,
+                starts=(-0.3 * kp, -0.1 * kp, 0.1 * kp, 0.4 * kp),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Scales the gain and the stiffness, so that targets keep their meaning."""
+        joint = trials.robot.joints[site]
+        drive = joint.drive("position")
+        if drive is None:
+            return
+        factor = 1 + values[:, 0] / drive.stiffness
+        trials.field("actuator_gainprm")[:, drive.actuator, 0] *= factor
+        bias = trials.field("actuator_biasprm")
+        bias[:, drive.actuator, 1] *= factor
+        # With a control in joint units a constant bias is effort of its own; otherwise it is
+        # part of the law that maps the control to a position, and goes with the gain.
+        if not drive.in_joint_units:
+            bias[:, drive.actuator, 0] *= factor
+
+
+class VelocityGain(JointEffect):
+    """The drive's derivative gain is not the model's."""
+
+    name = "velocity_gain"
+    equation = "τ = −Δkd q̇, made by the drive, Δkd: kd [N·m·s/rad]"
+    symptom = "proportional to speed"
+    added_as = "actuator biasprm"
+    source = "MuJoCo XML reference, actuator/position/kv"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Joints with a position or velocity actuator."""
+        return self._drive(robot, joint) is not None
+
+    @staticmethod
+    def _drive(robot: Robot, joint: str) -> Drive | None:
+        return robot.joints[joint].drive("velocity") or robot.joints[joint].drive("position")
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The gain to add."""
+        drive, excursion = self._drive(robot, site), robot.excursion(site)
+        kd = drive.damping if drive else 0.0
+        size = max(0.1 * kd, 0.02 * excursion.effort / excursion.velocity)
+        return (
+            Parameter(
+                name="kd",
+                unit="N·s/m" if robot.joints[site].slide else "N·m·s/rad",
+                lower=-kd,
+                upper=200 * size,
+                scale=size,
+                starts=(-min(3 * size, 0.5 * kd), size, 5 * size),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Lowers the velocity bias; a velocity target's gain goes with it."""
+        drive = self._drive(trials.robot, site)
+        if drive is None:
+            return
+        gear = float(trials.robot.model.actuator_gear[drive.actuator, 0])
+        bias = trials.field("actuator_biasprm")[:, drive.actuator]
+        if drive.kind == "velocity":
+            factor = 1 + values[:, 0] / drive.damping
+            trials.field("actuator_gainprm")[:, drive.actuator, 0] *= factor
+            if not drive.in_joint_units:
+                bias[:, 0] *= factor
+        bias[:, 2] -= values[:, 0] / gear**2
+
+
+class TorqueConstant(JointEffect):
+    """The motor makes more or less torque than the drive believes."""
+
+    name = "torque_constant"
+    equation = "τ (1 + α), α: strength [1]; the log shows τ"
+    symptom = "proportional to effort"
+    added_as = "actuator gainprm, biasprm and forcerange together"
+    source = (
+        "Kt of a permanent-magnet motor; effort as the drive reports it is current × nominal Kt"
+    )
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Joints with an actuator."""
+        return bool(robot.joints[joint].drives)
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The relative change."""
+        return (
+            Parameter(
+                name="strength",
+                unit="1",
+                lower=-0.95,
+                upper=4.0,
+                scale=0.05,
+                starts=(-0.3, -0.1, 0.1, 0.3),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Scales all that the joint's actuators make, and what the log shows of it back."""
+        factor = 1 + values[:, :1]
+        for drive in trials.robot.joints[site].drives:
+            trials.field("actuator_gainprm")[:, drive.actuator, :1] *= factor
+            trials.field("actuator_biasprm")[:, drive.actuator, :3] *= factor
+            trials.field("actuator_forcerange")[:, drive.actuator] *= factor
+        trials.effort_scale[site] /= factor[:, 0]
+
+
+class TorqueBias(JointEffect):
+    """A constant torque that the drive does not know of."""
+
+    name = "torque_bias"
+    equation = "τ + c, c: bias [N·m]; the log shows τ"
+    symptom = "constant"
+    added_as = "actuator biasprm"
+    source = (
+        "offset of a current sensor; also the constant term of Janot, Gautier, Brunot, EMPS, 2019"
+    )
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Joints with an actuator."""
+        return bool(robot.joints[joint].drives)
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The constant torque."""
+        size = 0.03 * robot.excursion(site).effort
+        return (
+            Parameter(
+                name="bias",
+                unit="N" if robot.joints[site].slide else "N·m",
+                lower=-100 * size,
+                upper=100 * size,
+                scale=size,
+                starts=(-5 * size, -size, size, 5 * size),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Adds to the bias of the joint's first actuator, and takes it off what the log shows."""
+        drive = trials.robot.joints[site].drives[0]
+        gear = float(trials.robot.model.actuator_gear[drive.actuator, 0])
+        trials.field("actuator_biastype")[:, drive.actuator] = mujoco.mjtBias.mjBIAS_AFFINE.value
+        trials.field("actuator_biasprm")[:, drive.actuator, 0] += values[:, 0] / gear
+        trials.effort_offset[site] -= trials.effort_scale[site] * values[:, 0]
+
+
+class EffortLimit(JointEffect):
+    """The drive saturates at a lower effort than the model's."""
+
+    name = "effort_limit"
+    equation = "clip(τ, ±F), F: limit [N·m]"
+    symptom = "peaks only"
+    added_as = "actuator forcerange"
+    source = "MuJoCo XML reference, actuator/general/forcerange"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Joints with an actuator."""
+        return bool(robot.joints[joint].drives)
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The limit itself; unchanged is the model's, or above all that was seen."""
+        peak = robot.excursion(site).effort
+        known = self._known(robot, site)
+        zero = min(known, 4 * peak)
+        starts = tuple(f * min(peak, zero) for f in (0.9, 0.75, 0.6, 0.45, 0.3))
+        return (
+            Parameter(
+                name="limit",
+                unit="N" if robot.joints[site].slide else "N·m",
+                zero=zero,
+                lower=0.02 * min(peak, zero),
+                upper=zero if np.isinf(known) or known > 4 * peak else 3 * known,
+                scale=0.05 * min(peak, zero),
+                starts=starts,
+            ),
+        )
+
+    @staticmethod
+    def _known(robot: Robot, joint: str) -> float:
+        drive = robot.joints[joint].drives[0]
+        if not robot.model.actuator_forcelimited[drive.actuator]:
+            return float("inf")
+        gear = float(robot.model.actuator_gear[drive.actuator, 0])
+        return abs(gear) * float(np.abs(robot.model.actuator_forcerange[drive.actuator]).max())
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Sets a symmetric `actuator_forcerange`, except where the limit is the unchanged one."""
+        robot = trials.robot
+        drive = robot.joints[site].drives[0]
+        gear = abs(float(robot.model.actuator_gear[drive.actuator, 0]))
+        limit = values[:, 0]
+        changed = limit != self.parameters(robot, site)[0].zero
+        # What a torque constant did to the range before stays a factor of it.
+        strength = 1 / trials.effort_scale[site][changed]
+        bound = strength * limit[changed] / gear
+        trials.field("actuator_forcelimited")[changed, drive.actuator] = 1
+        trials.field("actuator_forcerange")[changed, drive.actuator] = np.stack(
+            [-bound, bound], axis=1
+        )

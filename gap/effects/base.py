@@ -1,0 +1,135 @@
+"""What an effect is: a name, an equation, parameters at sites, and how they enter a robot.
+
+An effect is one small class in a file of its family. Writing it registers it:
+
+    class ViscousFriction(Effect):
+        name = "viscous_friction"
+        equation = "τ = −b q̇"
+        ...
+        def sites(self, robot): ...
+        def parameters(self, robot, site): ...
+        def apply(self, trials, site, values): ...
+
+At every parameter's `zero` the robot is unchanged. Values are increments on what the model already
+has, except where the parameter's name says otherwise (a limit, an angle, a delay).
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.robot import Robot
+from walkerkit.gap.trials import Trials
+
+FloatArray = NDArray[np.float64]
+SiteKind = Literal["joint", "body", "robot"]
+EVERYWHERE = "*"  # the site of an effect of the whole robot, and of a value shared by all joints
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One number of an effect at one site.
+
+    Attributes:
+        name: the field's name for it, e.g. `damping`.
+        unit: SI unit, `rad` and `N·m` for a hinge.
+        zero: the value at which the robot is unchanged.
+        lower, upper: bounds of the fit; a value at one of them is not an estimate.
+        scale: a typical size; the fit works in units of it.
+        starts: magnitudes at which the effect is tried before fitting. Several, since a small step
+            says nothing about limits and dead zones.
+    """
+
+    name: str
+    unit: str
+    zero: float = 0.0
+    lower: float
+    upper: float
+    scale: float
+    starts: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        inside = all(self.lower <= value <= self.upper for value in (self.zero, *self.starts))
+        if not (inside and self.lower < self.upper and self.scale > 0 and self.starts):
+            raise ValueError(f"parameter {self.name!r} contradicts itself: {self}")
+
+
+class Effect(abc.ABC):
+    """One entry of the catalogue.
+
+    Attributes:
+        name: its name in the catalogue, the command line and the JSON.
+        equation: what it adds, with its parameters and their units.
+        symptom: where its residual shows.
+        added_as: what it becomes in the model.
+        source: where the equation is from.
+        kind: whether its sites are joints, bodies or the whole robot.
+        shared: the same cause usually acts on all joints (a bus, a filter), so that one value for
+            all is preferred where the data allow it.
+    """
+
+    name: ClassVar[str]
+    equation: ClassVar[str]
+    symptom: ClassVar[str]
+    added_as: ClassVar[str]
+    source: ClassVar[str]
+    kind: ClassVar[SiteKind] = "joint"
+    shared: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
+        """Where it could act.
+
+        Args:
+            robot: the robot.
+            joints: the joints that the recordings measure.
+
+        Returns:
+            Names of joints or bodies, or `("*",)`; empty where it cannot act on this robot.
+        """
+
+    @abc.abstractmethod
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """Its parameters at one site, with their bounds on this robot."""
+
+    @abc.abstractmethod
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Adds the effect at one site to every trial.
+
+        Args:
+            trials: n variants, written to.
+            site: the site.
+            values: (n, n_parameters), in the parameters' units.
+        """
+
+
+class JointEffect(Effect):
+    """An effect that can act on any measured joint."""
+
+    kind = "joint"
+
+    def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
+        """All measured joints on which `acts_on` holds."""
+        return tuple(name for name in joints if self.acts_on(robot, name))
+
+    @abc.abstractmethod
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Whether the effect is possible at this joint."""
+
+
+def registered() -> dict[str, Effect]:
+    """Every concrete effect that has been defined, by name, in order of definition."""
+    found: dict[str, Effect] = {}
+    queue: list[type[Effect]] = [Effect]
+    while queue:
+        cls = queue.pop(0)
+        queue.extend(cls.__subclasses__())
+        if not cls.__abstractmethods__ and cls.__module__.startswith("walkerkit."):
+            found[cls.name] = cls()
+    return found

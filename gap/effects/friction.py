@@ -1,0 +1,85 @@
+"""Friction in the joint."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
+from walkerkit.gap.robot import Robot
+from walkerkit.gap.trials import Trials
+
+
+class ViscousFriction(JointEffect):
+    """Friction that grows with speed. Back-EMF of a voltage-driven motor has the same form."""
+
+    name = "viscous_friction"
+    equation = "τ = −b q̇, b: damping [N·m·s/rad]"
+    symptom = "grows with speed"
+    added_as = "joint damping"
+    source = "MuJoCo XML reference, joint/damping"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Any joint."""
+        return True
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The damping to add; what the model has can be taken away."""
+        joint, excursion = robot.joints[site], robot.excursion(site)
+        size = 0.1 * excursion.effort / excursion.velocity
+        return (
+            Parameter(
+                name="damping",
+                unit="N·s/m" if joint.slide else "N·m·s/rad",
+                lower=-float(robot.model.dof_damping[joint.dof]),
+                upper=200 * size,
+                scale=size,
+                starts=(size, 5 * size),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Adds to `dof_damping`."""
+        trials.field("dof_damping")[:, trials.robot.joints[site].dof] += values[:, 0]
+
+
+# MuJoCo's frictionloss is a regularised constraint. With its default time constant of 20 ms the
+# friction lags behind a reversal and a loaded joint creeps; the shortest that is stable (twice the
+# timestep) and an impedance near one come closest to dry friction.
+_IMPEDANCE = (0.99, 0.99, 0.001, 0.5, 2.0)
+
+
+class CoulombFriction(JointEffect):
+    """Dry friction: constant, against the motion."""
+
+    name = "coulomb_friction"
+    equation = "τ = −Fc sgn q̇, Fc: frictionloss [N·m]"
+    symptom = "jump at velocity reversal"
+    added_as = "joint frictionloss, with solreffriction and solimpfriction stiff enough not to creep"
+    source = "MuJoCo XML reference, joint/frictionloss"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Any joint."""
+        return True
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The dry friction to add; what the model has can be taken away."""
+        joint = robot.joints[site]
+        size = 0.1 * robot.excursion(site).effort
+        return (
+            Parameter(
+                name="frictionloss",
+                unit="N" if joint.slide else "N·m",
+                lower=-float(robot.model.dof_frictionloss[joint.dof]),
+                upper=20 * size,
+                scale=size,
+                starts=(0.3 * size, 1.5 * size, 4 * size),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Adds to `dof_frictionloss`; where the model had none, its constraint is made stiff."""
+        model, dof = trials.robot.model, trials.robot.joints[site].dof
+        trials.field("dof_frictionloss")[:, dof] += values[:, 0]
+        if model.dof_frictionloss[dof] == 0:
+            trials.field("dof_solref")[:, dof] = (2 * model.opt.timestep, 1.0)
+            trials.field("dof_solimp")[:, dof] = np.array(_IMPEDANCE)

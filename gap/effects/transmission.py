@@ -1,0 +1,60 @@
+"""Between motor and link."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
+from walkerkit.gap.robot import Robot
+from walkerkit.gap.trials import Trials
+
+
+class ParallelSpring(JointEffect):
+    """A spring beside the drive: a counterbalance, a cable bundle, a rubber boot."""
+
+    name = "parallel_spring"
+    equation = "τ = −k (q − q₀), k: stiffness [N·m/rad], q₀: springref [rad]"
+    symptom = "pose, independent of speed"
+    added_as = "joint stiffness, springref"
+    source = "MuJoCo XML reference, joint/stiffness"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Any joint."""
+        return True
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """Stiffness and rest position."""
+        joint, excursion = robot.joints[site], robot.excursion(site)
+        size = 0.2 * excursion.effort / excursion.range
+        middle = 0.5 * (excursion.lower + excursion.upper)
+        reach = 2 * excursion.range
+        return (
+            Parameter(
+                name="stiffness",
+                unit="N/m" if joint.slide else "N·m/rad",
+                lower=0.0,
+                upper=50 * size,
+                scale=size,
+                starts=(size, size, size, 4 * size),
+            ),
+            Parameter(
+                name="springref",
+                unit="m" if joint.slide else "rad",
+                zero=middle,
+                lower=middle - reach,
+                upper=middle + reach,
+                scale=0.3 * excursion.range,
+                starts=(middle, excursion.lower, excursion.upper, middle),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Adds to `jnt_stiffness` and moves `qpos_spring` to where both springs together rest."""
+        joint = trials.robot.joints[site]
+        stiffness = trials.field("jnt_stiffness")[:, joint.id]
+        rest = trials.field("qpos_spring")[:, joint.qpos]
+        k, q0 = values[:, 0], values[:, 1]
+        total = stiffness + k
+        acts = total > 0
+        rest[acts] = ((stiffness * rest + k * q0)[acts]) / total[acts]
+        stiffness += np.where(acts, k, 0.0)

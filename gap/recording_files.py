@@ -1,0 +1,229 @@
+"""Reading and writing columns of numbers as CSV, Parquet or NPZ; what they mean is not known here.
+
+columns = read(Path("walk.csv"), lambda names: names)   # name to (T,) array
+write(Path("walk.parquet"), columns)                    # under its name only once complete
+
+Numbers survive each format bit for bit. Whatever makes a file unreadable raises InputError.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import io
+import itertools
+import re
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, TextIO
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow
+import pyarrow.csv
+import pyarrow.parquet
+
+from walkerkit.gap.errors import InputError
+
+Values = npt.NDArray[Any]
+Columns = Mapping[str, npt.NDArray[np.float64]]
+Choose = Callable[[list[str]], list[str]]
+Reader = Callable[[Path, Choose], dict[str, Values]]
+Writer = Callable[[BinaryIO, Columns], None]
+
+
+def read(path: Path, choose: Choose) -> dict[str, Values]:
+    """Reads columns of a file.
+
+    Args:
+        path: a .csv, .parquet or .npz file.
+        choose: given the names of all columns, returns those to read; may raise InputError.
+
+    Returns:
+        Name to values, of whatever type the file has.
+
+    Raises:
+        InputError: the file is missing, empty, of another format or broken.
+    """
+    check_file(path)
+    reader, _ = _format(path)
+    try:
+        return reader(path, choose)
+    except InputError:
+        raise
+    except Exception as error:  # parsers fail in many ways on a broken file; each is the file's
+        reason = str(error).rstrip(".") or type(error).__name__
+        raise refusal(
+            f"{path}: it cannot be read as {path.suffix}: {reason}. Write the file again."
+        ) from error
+
+
+def write(path: Path, columns: Columns) -> None:
+    """Writes columns of one length; an existing file is replaced in one step, when all is written.
+
+    Args:
+        path: a .csv, .parquet or .npz file.
+        columns: name to (T,) values.
+
+    Raises:
+        InputError: the format is unknown, or the path cannot be a file.
+    """
+    _, writer = _format(path)
+    if not path.parent.is_dir():
+        raise refusal(f"{path}: the folder {path.parent} does not exist. Make it.")
+    if path.is_dir():
+        raise refusal(f"{path}: this is a folder. Name a file.")
+    temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")
+    try:
+        with temporary.open("xb") as file:
+            writer(file, columns)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def check_file(path: Path) -> None:
+    """Raises InputError unless `path` is a file with something in it; names the closest files."""
+    try:
+        size = path.stat().st_size
+    except FileNotFoundError:
+        folder = path.parent
+        problem = (
+            f"no such file{closest(path.name, _files(folder))}"
+            if folder.is_dir()
+            else f"the folder {folder} does not exist"
+        )
+        raise refusal(f"{path}: {problem}. Check the path.") from None
+    except (OSError, ValueError) as error:
+        raise refusal(f"{path}: cannot be opened: {error}. Check the path.") from error
+    if path.is_dir():
+        raise refusal(f"{path}: this is a folder. Name a file in it.")
+    if not size:
+        raise refusal(f"{path}: the file is empty. Write it again.")
+
+
+def describe_row(source: Path | None, row: int) -> str:
+    """Says where row `row` (counted from 0) of the data is: its number, and the line of a CSV."""
+    text = f"row {row + 1}"
+    if source is None or source.suffix.lower() != ".csv" or not source.is_file():
+        return text
+    with source.open(encoding="utf-8-sig", errors="replace") as file:
+        number, _ = next(itertools.islice(_csv_lines(file), row + 1, None), (None, ""))
+    return text if number is None else f"{text} (line {number})"
+
+
+def closest(name: str, valid: Iterable[str]) -> str:
+    """The names most like `name`, as a clause of an error message; empty where none is."""
+    lower = {option.lower(): option for option in valid}
+    close = difflib.get_close_matches(name.lower(), lower, n=3, cutoff=0.4)
+    return f" (did you mean {', '.join(repr(lower[match]) for match in close)}?)" if close else ""
+
+
+def refusal(text: str) -> InputError:
+    """The error to raise, on one line even where a file name or a parser has line breaks."""
+    return InputError(" ".join(text.splitlines()))
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the suffix is one that `read` knows."""
+    return path.suffix.lower() in _FORMATS
+
+
+def _files(folder: Path) -> list[str]:
+    try:
+        return [file.name for file in folder.iterdir() if file.is_file()]
+    except OSError:
+        return []  # only the hint is lost
+
+
+def _csv_lines(file: TextIO) -> Iterator[tuple[int, str]]:
+    """The lines that are not empty, numbered from 1; the first is the header."""
+    return ((number, line) for number, line in enumerate(file, start=1) if line.rstrip("\n"))
+
+
+def _read_csv(path: Path, choose: Choose) -> dict[str, Values]:
+    with path.open(encoding="utf-8-sig") as file:
+        lines = _csv_lines(file)
+        _, header = next(lines, (1, ""))
+        if next(lines, None) is None:
+            raise refusal(
+                f"{path}: it has no rows of data. Check what recorded it, or leave it out."
+            )
+    names = [name.strip() for name in next(csv.reader([header]))]
+    chosen = choose(names)
+
+    # pyarrow is exact in all versions; pandas deprecates the option that makes it so. Only a single
+    # thread numbers the rows in its messages.
+    options = pyarrow.csv.ReadOptions(use_threads=False)
+    try:
+        table = pyarrow.csv.read_csv(path, read_options=options)
+    except pyarrow.ArrowInvalid as error:
+        ragged = re.search(r"Row #(\d+): Expected (\d+) columns, got (\d+)", str(error))
+        if ragged is None:
+            raise
+        number, expected, actual = map(int, ragged.groups())
+        raise refusal(
+            f"{path}: {describe_row(path, number - 2)} has {actual} cells and the header has "
+            f"{expected}. Complete the row or delete it."
+        ) from error
+    return {name: table.column(names.index(name)).to_numpy() for name in chosen}
+
+
+def _read_parquet(path: Path, choose: Choose) -> dict[str, Values]:
+    with pyarrow.parquet.ParquetFile(path) as file:
+        chosen = choose(list(file.schema_arrow.names))
+        table = file.read()
+    return {name: table.column(name).to_numpy() for name in chosen}
+
+
+def _read_npz(path: Path, choose: Choose) -> dict[str, Values]:
+    columns = {}
+    with path.open("rb") as file:  # np.load leaves a broken file open
+        archive = np.load(file, allow_pickle=False)
+        if isinstance(archive, np.ndarray):
+            raise refusal(f"{path}: it holds one bare array. Write named arrays with numpy.savez.")
+        for name in choose(list(archive.files)):
+            try:
+                columns[name] = archive[name]
+            except ValueError as error:
+                reason = str(error).rstrip(".")
+                raise refusal(
+                    f"{path}: column {name!r}: {reason}. Save it as an array of float64."
+                ) from error
+    return columns
+
+
+def _write_csv(file: BinaryIO, columns: Columns) -> None:
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    writer = csv.writer(text, lineterminator="\n")  # writes repr of a float, which is exact
+    writer.writerow(columns)
+    writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    text.flush()
+    text.detach()
+
+
+def _write_parquet(file: BinaryIO, columns: Columns) -> None:
+    pyarrow.parquet.write_table(pyarrow.table(dict(columns)), file)
+
+
+def _write_npz(file: BinaryIO, columns: Columns) -> None:
+    arrays: dict[str, Any] = dict(columns)
+    np.savez(file, **arrays)
+
+
+_FORMATS: dict[str, tuple[Reader, Writer]] = {
+    ".csv": (_read_csv, _write_csv),
+    ".parquet": (_read_parquet, _write_parquet),
+    ".npz": (_read_npz, _write_npz),
+}
+
+
+def _format(path: Path) -> tuple[Reader, Writer]:
+    try:
+        return _FORMATS[path.suffix.lower()]
+    except KeyError:
+        raise refusal(
+            f"{path}: {path.suffix or 'no suffix'!r} is no format of recordings. "
+            f"Save it as one of {', '.join(_FORMATS)}."
+        ) from None
