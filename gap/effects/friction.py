@@ -54,7 +54,9 @@ class CoulombFriction(JointEffect):
     name = "coulomb_friction"
     equation = "τ = −Fc sgn q̇, Fc: frictionloss [N·m]"
     symptom = "jump at velocity reversal"
-    added_as = "joint frictionloss, with solreffriction and solimpfriction stiff enough not to creep"
+    added_as = (
+        "joint frictionloss, with solreffriction and solimpfriction stiff enough not to creep"
+    )
     source = "MuJoCo XML reference, joint/frictionloss"
 
     def acts_on(self, robot: Robot, joint: str) -> bool:

@@ -1,0 +1,297 @@
+"""What the workflow found: plain results, and the JSON of the contract.
+
+diagnosis = gap.diagnose("leg.xml", ["walk.csv"])
+print(diagnosis)                  # verdict, table, notes
+diagnosis.to_json()               # diagnosis.json
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Verdict = Literal["explained", "partly_explained", "no_gap", "unexplained"]
+SCHEMA = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapSize:
+    """Root-mean-square difference between simulation and measurement.
+
+    Attributes:
+        unit: unit of the numbers.
+        before: with the model as it was given.
+        after: with the named effects added.
+        noise_floor: what the measurement's own noise leaves.
+    """
+
+    unit: str
+    before: float
+    after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap:
+    """The gap of all joints, per joint and per signal.
+
+    Attributes:
+        position: over all joints.
+        horizon: seconds after which replays restart from the measured state, or None for whole
+            rollouts.
+        numerical_floor: what the simulation's own timestep leaves, in the unit of `position`.
+        held_out: whether it was measured on recordings that no fit has seen.
+        joints: joint to its position gap.
+        signals: signal to its gap over all joints.
+    """
+
+    position: GapSize
+    horizon: float | None
+    numerical_floor: float
+    held_out: bool
+    joints: Mapping[str, GapSize]
+    signals: Mapping[str, GapSize]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Location:
+    """Where the gap lives.
+
+    Attributes:
+        joint: the joint.
+        regime: when, e.g. `velocity_reversal`.
+        share: part of the squared gap of all joints that falls there.
+        lift: that part over the part of the samples.
+    """
+
+    joint: str
+    regime: str
+    share: float
+    lift: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """One fitted number.
+
+    Attributes:
+        name: e.g. `frictionloss`.
+        place: joint or body, or `*` where one value is shared.
+        value: the estimate.
+        std: its standard error; None at a bound.
+        unit: its unit.
+        at_bound: it ran into the bound of its range, so that it is no estimate.
+    """
+
+    name: str
+    place: str
+    value: float
+    std: float | None
+    unit: str
+    at_bound: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedEffect:
+    """One effect that was added.
+
+    Attributes:
+        effect: its name in the catalogue.
+        joints: joints that need it; `("*",)` where all share one value; empty for bodies.
+        bodies: bodies that need it.
+        confidence: how sure the name is, 0 to 1.
+        parameters: its numbers.
+        gap_after: position gap once it and all before it are added.
+        indistinguishable_from: effects that these recordings cannot tell from it.
+    """
+
+    effect: str
+    joints: tuple[str, ...]
+    bodies: tuple[str, ...]
+    confidence: float
+    parameters: tuple[Estimate, ...]
+    gap_after: float
+    indistinguishable_from: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Considered:
+    """A candidate of one round of the naming.
+
+    Attributes:
+        round: 1 for the first effect.
+        effect: its name.
+        improvement: relative reduction of the held-out gaps it would bring (geometric mean over
+            the scored channels), 0.3 for gaps that are 30 % smaller.
+        verdict: `named`, `indistinguishable` or `lost`.
+    """
+
+    round: int
+    effect: str
+    improvement: float
+    verdict: Literal["named", "indistinguishable", "lost"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextExperiment:
+    """The excitation that would best tell the members of a confusion set apart.
+
+    Attributes:
+        excitation: its name in `walkerkit.tasks.excitation`.
+        between: the effects.
+        separation: predicted difference of the nearest two, in standard deviations of the noise.
+        file: name of the target file that was written, or None.
+    """
+
+    excitation: str
+    between: tuple[str, ...]
+    separation: float
+    file: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """One joint of one recording, to be looked at.
+
+    Attributes:
+        recording, joint, signal: what it shows.
+        unit: unit of the values.
+        held_out: whether the recording was held out.
+        time: (n,) [s].
+        measured, before, after: (n,) each, simulated with the model as given and as mended.
+    """
+
+    recording: str
+    joint: str
+    signal: str
+    unit: str
+    held_out: bool
+    time: FloatArray
+    measured: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """The result of the workflow.
+
+    Attributes:
+        verdict: `no_gap`, `explained`, `partly_explained` or `unexplained`.
+        gap: how large the gap was, is, and can at best be.
+        locations: where the gap was, largest first.
+        remaining: where the gap is that the named effects leave.
+        effects: what was added, in order.
+        considered: every candidate of every round.
+        next_experiment: what to record next, where names could not be told apart.
+        recordings: names of the recordings.
+        notes: what a reader should know before trusting the numbers.
+        traces: measured and simulated signals.
+        seconds: wall time.
+    """
+
+    verdict: Verdict
+    gap: Gap
+    locations: tuple[Location, ...]
+    remaining: tuple[Location, ...]
+    effects: tuple[NamedEffect, ...]
+    considered: tuple[Considered, ...]
+    next_experiment: NextExperiment | None
+    recordings: tuple[str, ...]
+    notes: tuple[str, ...]
+    traces: tuple[Trace, ...] = field(repr=False)
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of diagnosis.json, schema 1."""
+        gap = self.gap
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "gap": {
+                "unit": gap.position.unit,
+                "horizon": gap.horizon,
+                "before": gap.position.before,
+                "after": gap.position.after,
+                "noise_floor": gap.position.noise_floor,
+                "numerical_floor": gap.numerical_floor,
+                "held_out": gap.held_out,
+                "joints": {
+                    name: {
+                        "before": size.before,
+                        "after": size.after,
+                        "noise_floor": size.noise_floor,
+                    }
+                    for name, size in gap.joints.items()
+                },
+                "signals": {
+                    name: {
+                        "unit": size.unit,
+                        "before": size.before,
+                        "after": size.after,
+                        "noise_floor": size.noise_floor,
+                    }
+                    for name, size in gap.signals.items()
+                },
+            },
+            "locations": [
+                {"joint": at.joint, "regime": at.regime, "share": at.share, "lift": at.lift}
+                for at in self.locations
+            ],
+            "effects": [_effect(named) for named in self.effects],
+            "next_experiment": None
+            if self.next_experiment is None
+            else {
+                "excitation": self.next_experiment.excitation,
+                "between": list(self.next_experiment.between),
+                "separation": self.next_experiment.separation,
+                "file": self.next_experiment.file,
+            },
+            "recordings": list(self.recordings),
+            "notes": list(self.notes),
+            "seconds": self.seconds,
+        }
+
+    def to_json(self) -> str:
+        """diagnosis.json; numbers carry six significant digits."""
+        return json.dumps(_rounded(self.to_dict()), indent=2, ensure_ascii=False) + "\n"
+
+
+def _effect(named: NamedEffect) -> dict[str, Any]:
+    bodies = {"bodies": list(named.bodies)} if named.bodies else {}
+    place = "body" if named.bodies else "joint"
+    return {
+        "effect": named.effect,
+        "joints": list(named.joints),
+        **bodies,
+        "confidence": named.confidence,
+        "parameters": [
+            {
+                "name": estimate.name,
+                place: estimate.place,
+                "value": estimate.value,
+                "std": estimate.std,
+                "unit": estimate.unit,
+                "at_bound": estimate.at_bound,
+            }
+            for estimate in named.parameters
+        ],
+        "gap_after": named.gap_after,
+        "indistinguishable_from": list(named.indistinguishable_from),
+    }
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_rounded(item) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.6g}") if np.isfinite(value) else None
+    return value
