@@ -17,7 +17,7 @@ from walkerkit.gap.objective import Case, Objective
 from walkerkit.gap.structure import Structure
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str], None]
+Progress = Callable[[str, float], None]  # what is being done, and how far it is (0 to 1)
 
 _PERTURBATION = 0.02  # of a parameter's scale
 _DAMPING = np.array([1e-4, 1e-2, 1e-1, 1.0, 10.0])
@@ -63,6 +63,7 @@ def fit(
     *,
     iterations: int = 8,
     progress: Progress | None = None,
+    stage: str = "fitting",
 ) -> list[Fit]:
     """Improves every start until it converges.
 
@@ -70,7 +71,8 @@ def fit(
         objective: what to fit.
         starts: structures with values and their score.
         iterations: the most steps any of them may take.
-        progress: called with a line before each simulation of the batch.
+        progress: called before each step.
+        stage: what it is told.
 
     Returns:
         The fits, in the order of `starts`; none scores worse than it started.
@@ -81,7 +83,7 @@ def fit(
         if not active:
             break
         if progress:
-            progress(f"fitting {len(active)} candidates, step {iteration + 1}")
+            progress(stage, iteration / iterations)
         normals = _normal_equations(objective, [best[i] for i in active])
         cases = [
             Case(structure=best[i].structure, values=_steps(best[i], *normal))

@@ -11,7 +11,7 @@ import difflib
 import importlib
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +112,27 @@ class Robot:
         return (
             self.source.rpartition(":")[2] if _is_callable(self.source) else Path(self.source).stem
         )
+
+    def refined(self, factor: int, *, other_integrator: bool = False) -> Robot:
+        """The same robot with a timestep that is `factor` times shorter.
+
+        Args:
+            factor: how many times.
+            other_integrator: exchange implicit integration of the actuators' damping for explicit,
+                or the other way round.
+        """
+        spec = self.spec.copy()
+        spec.option.timestep /= factor
+        if other_integrator:
+            euler = spec.option.integrator == mujoco.mjtIntegrator.mjINT_EULER
+            spec.option.integrator = (
+                mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+                if euler
+                else mujoco.mjtIntegrator.mjINT_EULER
+            )
+        for delayed in (*spec.actuators, *spec.sensors):
+            delayed.nsample *= factor
+        return replace(self, spec=spec, model=spec.compile())
 
     def measured(self, joint: str) -> Measurement:
         """What is known of a joint's measurement."""

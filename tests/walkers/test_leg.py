@@ -30,7 +30,7 @@ def test_plain_mjcf_is_the_robot_that_was_promised(model):
     assert [model.actuator(i).name for i in range(model.nu)] == NAMES
     np.testing.assert_array_equal(model.jnt_axis, [[1, 0, 0], [0, 1, 0], [0, 1, 0]])
     np.testing.assert_allclose([model.body(n).mass[0] for n in NAMES], [0.7, 1.0, 0.25])
-    assert model.opt.timestep == 0.002
+    assert model.opt.timestep == 0.001
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     assert model.nmesh == model.nhfield == 0
     # PyMJCF does not resolve inherited ranges, so they are written out and must agree.
