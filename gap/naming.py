@@ -171,7 +171,7 @@ def _candidates(
 
 
 def _close_to_first(contest: Evidence) -> list[int]:
-    """Fits that explain as well as fit 0: by their score, or in more than chance of the resamples."""
+    """Fits that explain as well as fit 0: by score, or in more than chance of the resamples."""
     ahead = np.mean(contest.both_resampled <= contest.both_resampled[:, :1], axis=0)
     near = contest.both - contest.both[0] < _CLOSE
     return [k for k in range(1, len(near)) if near[k] or ahead[k] > _CHANCE]

@@ -91,7 +91,8 @@ def build(
 
     Args:
         robots: one per condition.
-        fitted, held_out: recordings of each robot; a robot may lack one of the two.
+        fitted: recordings of each robot that are fitted; a robot may have none.
+        held_out: recordings of each robot that are held out; a robot may have none.
         window: seconds after which replays restart, or None for whole rollouts.
         hold: what the targets are between their samples.
         n_threads: threads of the simulation, 0 for all cores.

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 
@@ -97,6 +97,7 @@ class Robot:
         joints: joint name to joint, in kinematic order.
         measurement: joint name to what is known of its measurement; absent means ideal.
         excursions: joint name to how far it went; absent means unknown.
+        hold: what its targets are between samples, where that is known already.
     """
 
     source: str
@@ -105,6 +106,7 @@ class Robot:
     joints: Mapping[str, Joint]
     measurement: Mapping[str, Measurement] = field(default_factory=dict)
     excursions: Mapping[str, Excursion] = field(default_factory=dict)
+    hold: Literal["zero_order", "linear"] | None = None
 
     @property
     def stem(self) -> str:

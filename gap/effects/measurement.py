@@ -40,4 +40,5 @@ class EncoderOffset(JointEffect):
         joint = trials.robot.joints[site]
         trials.field("qpos0")[:, joint.qpos] += values[:, 0]
         trials.field("qpos_spring")[:, joint.qpos] += values[:, 0]
-        trials.field("jnt_range")[:, joint.id] += values
+        if trials.robot.model.jnt_limited[joint.id]:
+            trials.field("jnt_range")[:, joint.id] += values
