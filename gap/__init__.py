@@ -1,1 +1,38 @@
-"""From a log of the real robot to the named effect, added to the model."""
+"""From a log of the real robot to the named effect, added to the model.
+
+    from walkerkit import gap
+
+    d = gap.diagnose("leg.xml", ["a.csv", "b.csv", "c.csv"])
+    print(d)                 # verdict, where, what, how sure, the gap before and after
+    d.save("out")            # diagnosis.json, report.html, model.xml, actuators.json
+
+`gap.compare` measures the gap and says where it is; `gap.Recording` is a log.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from walkerkit.gap.errors import InputError
+
+if TYPE_CHECKING:
+    from walkerkit.gap.diagnosis import Diagnosis
+    from walkerkit.gap.recording import Recording
+    from walkerkit.gap.result import Result
+    from walkerkit.gap.workflow import compare, diagnose
+
+# Loaded on first use: MuJoCo and pandas take longer than a command line should to say --help.
+_HOMES = {
+    "Diagnosis": "diagnosis",
+    "Recording": "recording",
+    "Result": "result",
+    "compare": "workflow",
+    "diagnose": "workflow",
+}
+
+__all__ = ["Diagnosis", "InputError", "Recording", "Result", "compare", "diagnose"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -9,6 +9,7 @@ Nothing is said by colour alone, so that plain text loses nothing.
 from __future__ import annotations
 
 import io
+from typing import Literal
 
 from rich import box
 from rich.console import Console, Group, RenderableType
@@ -39,6 +40,7 @@ def render(diagnosis: Diagnosis) -> RenderableType:
         parts += [_heading("Where"), _locations(diagnosis)]
     if diagnosis.effects:
         parts += [_heading("Effects, in the order in which they were added"), _effects(diagnosis)]
+        parts += [Text(warning) for warning in wording.warnings(diagnosis)]
     doubts = [*wording.doubts(diagnosis), wording.advice(diagnosis)]
     parts += [Text(f"\n{doubt}") for doubt in doubts if doubt]
     parts += [_heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis.gap))]
@@ -76,9 +78,8 @@ def _heading(text: str) -> Text:
 def _table(*columns: str, right: tuple[str, ...] = ()) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for name in columns:
-        table.add_column(
-            name, justify="right" if name in right else "left", overflow="fold", min_width=4
-        )
+        justify: Literal["left", "right"] = "right" if name in right else "left"
+        table.add_column(name, justify=justify, overflow="fold", min_width=min(len(name), 6))
     return table
 
 
@@ -102,7 +103,7 @@ def _effects(diagnosis: Diagnosis) -> Table:
     unit = diagnosis.gap.position.unit
     for named in diagnosis.effects:
         sure, after = percent(named.confidence), quantity(named.gap_after, unit)
-        first = [wording.words(named.effect), sure, after]
+        first = [wording.label(named.effect), sure, after]
         for place, name, value, its_unit in _parameters(named):
             _add(table, first[0], place, name, value, its_unit, *first[1:])
             first = ["", "", ""]
@@ -114,7 +115,7 @@ def _parameters(named: NamedEffect) -> list[tuple[str, str, str, str]]:
     for of in named.parameters:
         value, unit, warning = wording.estimate(of)
         place = f"body {of.place}" if of.place in named.bodies else of.place
-        text = f"{value}\n({warning})" if warning else value
+        text = f"{value} ({warning})" if warning else value
         rows.append((wording.site(place), wording.label(of.name), text, unit))
     sites = wording.listed([wording.site(name) for name in named.joints or named.bodies])
     return rows or [(sites, "", "", "")]
@@ -124,7 +125,7 @@ def _sizes(diagnosis: Diagnosis) -> Table:
     table = _table(
         *("signal", "before", "after", "noise floor"), right=("before", "after", "noise floor")
     )
-    for name, size in ({"position": diagnosis.gap.position} | dict(diagnosis.gap.signals)).items():
+    for name, size in wording.signals(diagnosis.gap).items():
         numbers = (size.before, size.after, size.noise_floor)
         _add(table, wording.words(name), *(quantity(value, size.unit) for value in numbers))
     return table
@@ -133,5 +134,5 @@ def _sizes(diagnosis: Diagnosis) -> Table:
 def _notes(diagnosis: Diagnosis) -> Table:
     table = Table.grid(padding=(0, 1))
     for index, note in enumerate(diagnosis.notes, start=1):
-        _add(table, f"{index}.", wording.label(note))
+        _add(table, f"{index}.", " ".join(wording.label(line) for line in note.split()))
     return table

@@ -22,6 +22,7 @@ Progress = Callable[[str, float], None]  # what is being done, and how far it is
 _PERTURBATION = 0.02  # of a parameter's scale
 _DAMPING = np.array([1e-4, 1e-2, 1e-1, 1.0, 10.0])
 _CONVERGED = 3e-4  # of the score
+_PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +63,7 @@ def fit(
     starts: Sequence[Fit],
     *,
     iterations: int = 8,
+    race: bool = False,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> list[Fit]:
@@ -71,6 +73,7 @@ def fit(
         objective: what to fit.
         starts: structures with values and their score.
         iterations: the most steps any of them may take.
+        race: give up on a structure that is too far behind the best to catch up at its pace.
         progress: called before each step.
         stage: what it is told.
 
@@ -89,7 +92,7 @@ def fit(
             Case(structure=best[i].structure, values=_steps(best[i], *normal))
             for i, normal in zip(active, normals, strict=True)
         ]
-        remaining = []
+        gains: dict[int, float] = {}
         for i, case, mean_square in zip(active, cases, objective.mean_squares(cases), strict=True):
             scores = objective.score(mean_square)
             k = int(np.argmin(scores))
@@ -101,9 +104,13 @@ def fit(
                     score=float(scores[k]),
                     mean_square=mean_square[k],
                 )
-            if gain > _CONVERGED:
-                remaining.append(i)
-        active = remaining
+            gains[i] = gain
+        leader = min(one.score for one in best)
+        active = [
+            i
+            for i, gain in gains.items()
+            if gain > _CONVERGED and (not race or best[i].score - leader < _PACES * gain)
+        ]
     return best
 
 

@@ -73,16 +73,17 @@ def mend(robot: Robot, structure: Structure, values: FloatArray) -> Robot:
     )
 
 
-def write_model(robot: Robot, path: Path) -> None:
+def write_model(robot: Robot, path: Path, taken: dict[str, Path | str] | None = None) -> None:
     """Writes the robot's MJCF, and its mesh, texture and height field files beside it.
 
     Args:
         robot: the robot.
         path: the file; assets go to `assets/` in its folder.
+        taken: names of assets that other models have put there; added to.
     """
+    taken = {} if taken is None else taken
     spec = robot.spec.copy()
     folders = {"meshes": spec.meshdir, "textures": spec.texturedir, "hfields": spec.meshdir}
-    taken: dict[str, Path | str] = {}
     for kind, folder in folders.items():
         for element in getattr(spec, kind):
             if element.file:

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 MOST_EFFECTS = 5
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
-_MARGIN = 0.02  # an effect makes gaps at least two per cent smaller, in the geometric mean
+_MARGIN = 0.04  # an effect makes gaps at least four per cent smaller, in the geometric mean
 _CHANCE = 0.05
 _OVER_NOISE = 0.5  # what an effect explains of some channel, over its noise
 _OVER_NUMERICAL = 0.25  # and over its numerical error, which is taken out to first order
@@ -43,11 +43,13 @@ class Candidate:
         term: the effect at all its sites.
         gain: how much it lowers the score of the held-out recordings.
         close: it explains the recordings as well as the one that was named.
+        fit: the effect on top of those named before.
     """
 
     term: Term
     gain: float
     close: bool
+    fit: Fit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,19 +114,21 @@ def _round(
     if progress:
         progress(stage.format("screening"), 0.0)
     starts = screen(problem.fit.objective, current, terms)
-    fits = fit(problem.fit.objective, starts, progress=progress, stage=stage.format("fitting"))
+    fits = fit(
+        problem.fit.objective, starts, race=True, progress=progress, stage=stage.format("fitting")
+    )
     evidence = weigh(problem, [current, *fits])
     order = [int(i) for i in np.argsort(evidence.both[1:], kind="stable")]
     acceptable = [i for i in order if _worth_it(problem, evidence, i + 1)]
     if not acceptable:
-        return replace(nothing, candidates=_candidates(evidence, terms, order, set()))
+        return replace(nothing, candidates=_candidates(evidence, fits, order, set()))
     winner = acceptable[0]
     found = _places_needed(problem, fits[winner], terms[winner])
     contest = weigh(problem, [found, *(fits[i] for i in order)])
     close = _close_to_first(contest)
     return Round(
         candidates=_candidates(
-            evidence, terms, order, {order[k - 1] for k in close} - {winner}, first=winner
+            evidence, fits, order, {order[k - 1] for k in close} - {winner}, first=winner
         ),
         named=found.structure.terms[-1],
         confidence=_confidence(contest, order.index(winner) + 1),
@@ -155,7 +159,7 @@ def _worth_it(problem: Problem, evidence: Evidence, k: int) -> bool:
 
 def _candidates(
     evidence: Evidence,
-    terms: Sequence[Term],
+    fits: Sequence[Fit],
     order: Sequence[int],
     close: set[int],
     first: int | None = None,
@@ -164,7 +168,10 @@ def _candidates(
     ordered = [i for i in order if i == first] + [i for i in order if i != first]
     return tuple(
         Candidate(
-            term=terms[i], gain=float(evidence.held[0] - evidence.held[i + 1]), close=i in close
+            term=fits[i].structure.terms[-1],
+            gain=float(evidence.held[0] - evidence.held[i + 1]),
+            close=i in close,
+            fit=fits[i],
         )
         for i in ordered
     )

@@ -57,6 +57,7 @@ class Problem:
         noise: (n_scored,) noise of the scored channels.
         hold: what the targets are between their samples.
         window: seconds after which replays restart, or None for whole rollouts.
+        n_threads: threads of the simulation, 0 for all cores.
     """
 
     robots: tuple[Robot, ...]
@@ -66,6 +67,7 @@ class Problem:
     noise: FloatArray
     hold: Hold
     window: float | None
+    n_threads: int
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -147,6 +149,7 @@ def build(
         noise=floor,
         hold=hold,
         window=window,
+        n_threads=n_threads,
     )
 
 

@@ -79,11 +79,11 @@ def estimate_text(value: float, std: float | None, unit: str) -> tuple[str, str]
     Returns:
         `("0.152 ± 0.004", "N·m")`; without ± where there is no standard error.
     """
-    chosen = scale(max(abs(value), std if _positive(std) else 0.0), unit)
-    value *= chosen.factor
-    if std is None or not _positive(std) or not math.isfinite(value):
-        return number(value, 3), chosen.unit
-    std *= chosen.factor
+    if std is None or not (0 < std < math.inf and math.isfinite(value)):
+        chosen = scale(value, unit)
+        return number(value * chosen.factor, 3), chosen.unit
+    chosen = scale(max(abs(value), std), unit)
+    value, std = value * chosen.factor, std * chosen.factor
     leading = int(f"{std:.0e}"[0])
     places = -_exponent(std, 1) + (leading < _TWO_DIGITS_BELOW)
     size = max(abs(value), std)
@@ -105,10 +105,6 @@ def percent(part: float) -> str:
     if part < 1 and rounded == 100:
         return ">99 %"
     return f"{_fixed(rounded, 0)} %"
-
-
-def _positive(std: float | None) -> bool:
-    return std is not None and math.isfinite(std) and std > 0
 
 
 def _exponent(value: float, digits: int) -> int:

@@ -132,7 +132,7 @@ class Replay:
         self.robot = robot
         self.segments = tuple(segments)
         self.channels = tuple(channels)
-        self._n_threads = n_threads
+        self.n_threads = n_threads
         lengths = [segment.last - segment.first for segment in segments]
         ends = np.cumsum(lengths)
         rows = [slice(int(e - n), int(e)) for e, n in zip(ends, lengths, strict=True)]
@@ -194,7 +194,7 @@ class Replay:
             model,
             n * n_segments,
             fields={k: np.repeat(v, n_segments, axis=0) for k, v in trials.fields.items()},
-            n_threads=self._n_threads,
+            n_threads=self.n_threads,
         )
         applied = self._applied(group, trials, lead, steps)
         shift = np.tile(lead[:, None], model.nu)

@@ -109,6 +109,11 @@ class Robot:
     hold: Literal["zero_order", "linear"] | None = None
 
     @property
+    def path(self) -> Path | None:
+        """The file that the model came from, or None."""
+        return None if _is_callable(self.source) else Path(self.source)
+
+    @property
     def stem(self) -> str:
         """Short name, used for the files that are written."""
         return (

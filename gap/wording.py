@@ -12,8 +12,12 @@ from walkerkit.gap.diagnosis import Diagnosis, Estimate, Gap, GapSize, Location,
 from walkerkit.gap.quantity import estimate_text, percent, quantity, span
 
 EVERYWHERE = "*"
-AT_BOUND = "at the bound of its range, not an estimate"
-NOT_IDENTIFIABLE = "no standard error: these recordings do not determine it"
+AT_BOUND = "at its bound"
+NOT_IDENTIFIABLE = "not determined"
+WARNINGS = {
+    AT_BOUND: "A value at its bound ran into the limit of its range: it is no estimate, without ±.",
+    NOT_IDENTIFIABLE: "A value that is not determined has no ±: others fit as well.",
+}
 TITLES = {
     "explained": "Explained",
     "partly_explained": "Partly explained",
@@ -21,7 +25,6 @@ TITLES = {
     "unexplained": "Unexplained",
 }
 
-_PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
 _FEW = 4  # sites that a sentence lists
 _SHRUNK = 0.95  # a gap above this part of what it was has not visibly shrunk
 _PARTS_CLEARLY = 3.0  # standard deviations
@@ -33,14 +36,11 @@ def label(name: str) -> str:
 
 
 def words(name: str) -> str:
-    """A name of ours in words: `coulomb_friction` is Coulomb friction."""
-    parts = label(name).split("_")
-    return " ".join(_PROPER.get(part, part) for part in parts)
+    """A signal or regime in words: `velocity_reversal` is velocity reversal.
 
-
-def headed(text: str) -> str:
-    """The text with a capital letter in front."""
-    return text[:1].upper() + text[1:]
+    Effects and excitations keep the names under which the user finds them again.
+    """
+    return label(name).replace("_", " ")
 
 
 def listed(items: Sequence[str], last: str = "and") -> str:
@@ -70,8 +70,8 @@ def place(named: NamedEffect) -> str:
 
 
 def step(named: NamedEffect) -> str:
-    """An effect and its place: `Coulomb friction at calf`."""
-    return words(named.effect) + place(named)
+    """An effect and its place: `coulomb_friction at calf`."""
+    return label(named.effect) + place(named)
 
 
 def spot(at: Location) -> str:
@@ -91,35 +91,55 @@ def estimate(of: Estimate) -> tuple[str, str, str]:
     return text, unit, "" if "±" in text else NOT_IDENTIFIABLE
 
 
+def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What the warnings in the table of the estimates mean; empty where there are none."""
+    shown = {estimate(of)[2] for named in diagnosis.effects for of in named.parameters}
+    return tuple(meaning for warning, meaning in WARNINGS.items() if warning in shown)
+
+
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """What was found, where, how sure, and how much the gap shrank."""
-    signal, size = _telling(diagnosis.gap)
+    signal, size = telling(diagnosis.gap)
     error = f"the {words(signal)} error"
-    numbers = (size.before, size.after, size.noise_floor)
-    if diagnosis.verdict == "no_gap":
-        before, floor = span((size.before, size.noise_floor), size.unit)
-        return (
-            f"Nothing is missing from the model: {error} is {before}, and the noise of the "
-            f"measurement alone would leave {floor}."
-        )
-    found = _found(diagnosis.effects)
-    where = _largest(diagnosis.locations)
-    if diagnosis.verdict == "unexplained" or not found:
-        before, floor = span((size.before, size.noise_floor), size.unit)
-        return (
-            f"No effect of the catalogue explains the gap: {error} is {before}, where the noise of "
-            f"the measurement alone would leave {floor}"
-            f"{f', and is largest at {where}' if where else ''}."
-        )
-    before, after, floor = span(numbers, size.unit)
-    part = "" if diagnosis.verdict == "explained" else "part of "
-    verb = "explains" if len(diagnosis.effects) == 1 else "explain"
-    left = _largest(diagnosis.remaining) if part else ""
-    return (
-        f"{found} {verb} {part}the gap: {error} shrinks from {before} to {after}, where the noise "
-        f"of the measurement alone would leave {floor}"
-        f"{f'; what remains is largest at {left}' if left else ''}."
+    noise = (
+        f"the noise of the measurement alone would leave {quantity(size.noise_floor, size.unit)}"
     )
+    before, after = span((size.before, size.after), size.unit)
+    if diagnosis.verdict == "no_gap":
+        return (
+            f"Nothing is missing from the model: {error} is {quantity(size.before, size.unit)}, "
+            f"and {noise}."
+        )
+    if diagnosis.verdict == "unexplained" or not diagnosis.effects:
+        where = _largest(diagnosis.locations)
+        return (
+            f"No effect of the catalogue explains the gap: {error} is "
+            f"{quantity(size.before, size.unit)}, where {noise}"
+            f"{f'. It is largest at {where}' if where else ''}."
+        )
+    complete = diagnosis.verdict == "explained"
+    left = "" if complete else _largest(diagnosis.remaining)
+    return (
+        f"{'The gap' if complete else 'Part of the gap'} is explained by "
+        f"{_found(diagnosis.effects)}: {error} shrinks from {before} to {after}, where {noise}"
+        f"{f'. What remains is largest at {left}' if left else ''}."
+    )
+
+
+def signals(gap: Gap) -> dict[str, GapSize]:
+    """The gap of every signal, position first."""
+    others = {name: size for name, size in gap.signals.items() if name != "position"}
+    return {"position": gap.position} | others
+
+
+def telling(gap: Gap) -> tuple[str, GapSize]:
+    """The position gap, or the signal that shrank most where position hides the change."""
+    ratios = {
+        name: size.after / size.before for name, size in signals(gap).items() if size.before > 0
+    }
+    best = min(ratios, key=lambda name: ratios[name], default="position")
+    hidden = ratios.get("position", 1.0) > _SHRUNK and ratios.get(best, 1.0) <= _SHRUNK
+    return (best, gap.signals[best]) if hidden else ("position", gap.position)
 
 
 def basis(gap: Gap) -> str:
@@ -140,10 +160,10 @@ def basis(gap: Gap) -> str:
 def doubts(diagnosis: Diagnosis) -> tuple[str, ...]:
     """One sentence for each confusion set."""
     return tuple(
-        f"{headed(step(named))} cannot be told from "
-        f"{listed([words(other) for other in named.indistinguishable_from], 'or')}: with these "
-        "recordings each of them fits equally well within the noise. The mended model moves like "
-        "the robot either way, but the cause, and the numbers given for it, may be another's."
+        f"With these recordings, {step(named)} cannot be told from "
+        f"{listed([label(other) for other in named.indistinguishable_from], 'or')}: each fits "
+        "equally well within the noise. The mended model moves like the robot either way, but the "
+        "cause, and the numbers given for it, may be another's."
         for named in diagnosis.effects
         if named.indistinguishable_from
     )
@@ -155,40 +175,26 @@ def advice(diagnosis: Diagnosis) -> str:
     if wanted is None:
         return ""
     sure = "" if wanted.separation >= _PARTS_CLEARLY else ", which may not be enough"
-    between = listed([words(name) for name in wanted.between])
+    between = listed([label(name) for name in wanted.between])
     file = (
         f" Play {label(wanted.file)}, record it, and diagnose again with both."
         if wanted.file
         else " Record it, and diagnose again with both."
     )
     return (
-        f"The excitation “{words(wanted.excitation)}” would tell {between} apart best: their "
+        f"The excitation {label(wanted.excitation)} would best tell {between} apart: their "
         f"predictions differ by {wanted.separation:.1f} standard deviations of the noise{sure}."
         f"{file}"
     )
 
 
-def _telling(gap: Gap) -> tuple[str, GapSize]:
-    """The position gap, or the signal that shrank most where position hides the change."""
-    sizes = {"position": gap.position}
-    if gap.position.after > _SHRUNK * gap.position.before:
-        sizes |= {
-            name: size
-            for name, size in gap.signals.items()
-            if size.before > 0 and size.after <= _SHRUNK * size.before
-        }
-    shrunk = {n: s.after / s.before if s.before > 0 else 1.0 for n, s in sizes.items()}
-    best = min(shrunk, key=lambda name: shrunk[name])
-    return best, sizes[best]
-
-
 def _found(effects: Sequence[NamedEffect]) -> str:
     found = []
     for named in effects:
-        others = [words(name) for name in named.indistinguishable_from]
+        others = [label(name) for name in named.indistinguishable_from]
         doubt = f", could also be {listed(others, 'or')}" if others else ""
         found.append(f"{step(named)} ({percent(named.confidence)} sure{doubt})")
-    return headed(listed(found))
+    return listed(found)
 
 
 def _largest(locations: Sequence[Location]) -> str:

@@ -60,6 +60,9 @@ class Parameter:
             raise ValueError(f"parameter {self.name!r} contradicts itself: {self}")
 
 
+_defined: list[type[Effect]] = []
+
+
 class Effect(abc.ABC):
     """One entry of the catalogue.
 
@@ -81,6 +84,10 @@ class Effect(abc.ABC):
     source: ClassVar[str]
     kind: ClassVar[SiteKind] = "joint"
     shared: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        _defined.append(cls)
 
     @abc.abstractmethod
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
@@ -124,12 +131,9 @@ class JointEffect(Effect):
 
 
 def registered() -> dict[str, Effect]:
-    """Every concrete effect that has been defined, by name, in order of definition."""
-    found: dict[str, Effect] = {}
-    queue: list[type[Effect]] = [Effect]
-    while queue:
-        cls = queue.pop(0)
-        queue.extend(cls.__subclasses__())
-        if not cls.__abstractmethods__ and cls.__module__.startswith("walkerkit."):
-            found[cls.name] = cls()
-    return found
+    """Every concrete effect of this package, by name, in the order of definition."""
+    return {
+        cls.name: cls()
+        for cls in _defined
+        if not cls.__abstractmethods__ and cls.__module__.startswith("walkerkit.")
+    }

@@ -1,0 +1,36 @@
+"""The embedded demonstration: something is hidden in a simulated leg, and found again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from walkerkit.gap.fit import Progress
+from walkerkit.gap.rehearsal import Rehearsal, rehearse
+from walkerkit.gap.result import Result
+from walkerkit.gap.workflow import diagnose
+from walkerkit.walkers.leg import LEG_XML
+
+
+def run(
+    *,
+    seed: int = 0,
+    hide: Sequence[str] | None = None,
+    n_threads: int = 0,
+    progress: Progress | None = None,
+) -> tuple[Result, Rehearsal]:
+    """Records a leg with something hidden in it and diagnoses the recordings.
+
+    Args:
+        seed: what is hidden, where and how large.
+        hide: effects to hide instead of a drawn one; `["none"]` for nothing.
+        n_threads: threads of the simulation, 0 for all cores.
+        progress: called with what is being done and how far it is.
+
+    Returns:
+        What was found from the recordings alone, and what was hidden.
+    """
+    if progress:
+        progress("recording the leg", 0.0)
+    rehearsal = rehearse(LEG_XML, hide, seed=seed)
+    result = diagnose(str(LEG_XML), rehearsal.recordings, n_threads=n_threads, progress=progress)
+    return result, rehearsal

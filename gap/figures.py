@@ -1,0 +1,268 @@
+"""The figures of the report, as plotly specifications that hold no numpy and no identifiers.
+
+Okabe–Ito colours; every series also has a dash, a hatch or its number written on it. Names come
+from the user's files and plotly reads tags in text, so that they are escaped here, and again by
+whoever embeds the specification in a page.
+"""
+
+from __future__ import annotations
+
+import html
+import itertools
+import json
+import math
+import textwrap
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
+
+from walkerkit.gap import wording
+from walkerkit.gap.diagnosis import Diagnosis, GapSize, Location, Trace
+from walkerkit.gap.quantity import number, percent, quantity, scale
+
+FloatArray = NDArray[np.float64]
+Specification = dict[str, Any]
+
+BLACK, SKY, BLUE, VERMILLION, GREY = "#000000", "#56B4E9", "#0072B2", "#D55E00", "#767676"
+POINTS = 2000  # of a trace; more than a screen has columns
+_FONT = {"family": "system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif", "size": 13}
+_BLUES = [[0.0, "#FFFFFF"], [0.5, "#8FC3E4"], [1.0, "#00588A"]]  # monotone in lightness
+_WHITE_TEXT_ABOVE = 0.65  # of the colour scale
+_LONGEST = 24  # characters of a name at an axis
+_LEGEND = {"orientation": "h", "x": 0, "y": 1, "xanchor": "left", "yanchor": "bottom"}
+
+
+def steps(diagnosis: Diagnosis) -> Specification:
+    """The gap shrinking: as given, after each effect, and the two floors as lines."""
+    gap = diagnosis.gap
+    sizes = [("model as given", gap.position.before)]
+    sizes += [(f"+ {wording.step(named)}", named.gap_after) for named in diagnosis.effects]
+    written = [quantity(size, gap.position.unit) for _, size in sizes]
+    if diagnosis.effects and written[-1] != quantity(gap.position.after, gap.position.unit):
+        sizes.append(("all, fitted together", gap.position.after))
+    floors = (("noise floor", gap.position.noise_floor), ("numerical floor", gap.numerical_floor))
+    largest = max((size for _, size in (*sizes, *floors) if math.isfinite(size)), default=0.0)
+    unit = scale(largest, gap.position.unit)
+    rows = list(range(len(sizes)))
+    figure = go.Figure(
+        go.Bar(
+            x=[size * unit.factor for _, size in sizes],
+            y=rows,
+            orientation="h",
+            width=0.6,
+            text=[_with_change(size, sizes[0][1], gap.position.unit) for _, size in sizes],
+            textposition="outside",
+            cliponaxis=False,
+            hoverinfo="skip",
+            showlegend=False,
+            marker={
+                "color": [VERMILLION, *[BLUE] * (len(sizes) - 1)],
+                "pattern": {"shape": ["/", *[""] * (len(sizes) - 1)], "size": 6},
+            },
+        )
+    )
+    ends = [-0.5, len(sizes) - 0.5]
+    for (name, size), dash, color in zip(floors, ("dash", "dot"), (BLACK, GREY), strict=True):
+        figure.add_scatter(
+            x=[size * unit.factor] * 2,
+            y=ends,
+            mode="lines",
+            name=f"{name} ({quantity(size, gap.position.unit)})",
+            line={"color": color, "dash": dash, "width": 2},
+            hoverinfo="skip",
+        )
+    figure.update_xaxes(title=f"position error, rms [{unit.unit}]", fixedrange=True)
+    figure.update_xaxes(range=[0, 1.4 * largest * unit.factor or 1], zeroline=False)
+    figure.update_yaxes(
+        tickvals=rows,
+        ticktext=[_axis_text(name) for name, _ in sizes],
+        range=ends[::-1],
+        fixedrange=True,
+        showgrid=False,
+        zeroline=False,
+    )
+    return _specification(figure, height=120 + 52 * len(sizes))
+
+
+def heat_map(
+    locations: Sequence[Location], joints: Sequence[str], regimes: Sequence[str]
+) -> Specification:
+    """Share of the squared gap, joint by regime, with the lift in the hover."""
+    cells = {(at.joint, at.regime): at for at in locations}
+    grid = [[cells.get((joint, regime)) for regime in regimes] for joint in joints]
+    top = max((at.share for at in locations), default=0.0) or 1.0
+    figure = go.Figure(
+        go.Heatmap(
+            z=[[at and at.share for at in row] for row in grid],
+            zmin=0,
+            zmax=top,
+            colorscale=_BLUES,
+            showscale=False,
+            xgap=1,
+            ygap=1,
+            hoverongaps=False,
+            hovertext=[[at and _location_text(at) for at in row] for row in grid],
+            hovertemplate="%{hovertext}<extra></extra>",
+        )
+    )
+    for row, found in enumerate(grid):
+        for column, at in enumerate(found):
+            if at is not None:
+                dark = at.share > _WHITE_TEXT_ABOVE * top
+                figure.add_annotation(
+                    x=column,
+                    y=row,
+                    text=percent(at.share),
+                    showarrow=False,
+                    font={"size": 11, "color": "#FFFFFF" if dark else "#222222"},
+                )
+    figure.update_xaxes(
+        tickvals=list(range(len(regimes))),
+        ticktext=[_axis_text(wording.words(regime)) for regime in regimes],
+        tickangle=-50,
+        showgrid=False,
+        zeroline=False,
+        fixedrange=True,
+    )
+    figure.update_yaxes(
+        tickvals=list(range(len(joints))),
+        ticktext=[_axis_text(wording.site(joint)) for joint in joints],
+        range=[len(joints) - 0.5, -0.5],
+        showgrid=False,
+        zeroline=False,
+        fixedrange=True,
+    )
+    return _specification(figure, height=120 + 34 * len(joints))
+
+
+def comparison() -> Specification:
+    """Axes and empty series for a `comparison_choice`: the signal, and the errors below it."""
+    figure = make_subplots(
+        rows=2, cols=1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06
+    )
+    before = {"color": VERMILLION, "dash": "dot", "width": 1.8}
+    after = {"color": BLUE, "dash": "dash", "width": 1.8}
+    for row, name, line in (
+        (1, "measured", {"color": BLACK, "width": 1.4}),
+        (1, "simulated, as given", before),
+        (1, "simulated, mended", after),
+        (2, "simulated, as given", before),
+        (2, "simulated, mended", after),
+    ):
+        figure.add_scatter(
+            x=[], y=[], mode="lines", name=name, line=line, showlegend=row == 1, row=row, col=1
+        )
+    figure.add_shape(
+        type="rect",
+        xref="paper",
+        yref="y2",
+        x0=0,
+        x1=1,
+        y0=0,
+        y1=0,
+        fillcolor=GREY,
+        opacity=0.25,
+        line_width=0,
+        layer="below",
+    )
+    figure.update_xaxes(title="time [s]", row=2, col=1)
+    figure.update_layout(hovermode="x unified", dragmode="zoom")
+    return _specification(figure, height=560)
+
+
+def comparison_choice(trace: Trace, size: GapSize | None) -> Specification:
+    """One trace, as the two arguments of `Plotly.update`.
+
+    Args:
+        trace: what to show.
+        size: its gap, for the band of the noise floor; None for no band.
+    """
+    kept = decimated(trace)
+    shown = [values[kept] for values in (trace.measured, trace.before, trace.after)]
+    errors = [values - shown[0] for values in shown[1:]]
+    unit, error_unit = (scale(_largest(group), trace.unit) for group in (shown, errors))
+    floor = 0.0 if size is None else size.noise_floor * error_unit.factor
+    time = _rounded(trace.time[kept], digits=7)
+    series = [_rounded(values * unit.factor) for values in shown]
+    series += [_rounded(values * error_unit.factor) for values in errors]
+    signal = html.escape(wording.words(trace.signal))
+    axes = [f"{axis}.autorange" for axis in ("xaxis", "xaxis2", "yaxis", "yaxis2")]
+    return {
+        "data": {"x": [time], "y": series},
+        "layout": {
+            "yaxis.title.text": f"{signal} [{html.escape(unit.unit)}]",
+            "yaxis2.title.text": f"simulated − measured [{html.escape(error_unit.unit)}]",
+            "shapes[0].y0": -floor,
+            "shapes[0].y1": floor,
+            **dict.fromkeys(axes, True),
+        },
+    }
+
+
+def decimated(trace: Trace, points: int = POINTS) -> NDArray[np.intp]:
+    """Indices of about `points` samples, with the extremes of both errors among them."""
+    if trace.time.size <= points:
+        return np.arange(trace.time.size)
+    edges = np.linspace(0, trace.time.size, points // 4 + 1).astype(np.intp)
+    kept = [np.array([0, trace.time.size - 1], dtype=np.intp)]
+    for simulated in (trace.before, trace.after):
+        # A rollout that diverged has no error there, and its last finite sample is an extreme.
+        error = np.nan_to_num(simulated - trace.measured, nan=0.0, posinf=0.0, neginf=0.0)
+        for pick in (np.argmin, np.argmax):
+            picked = [a + pick(error[a:b]) for a, b in itertools.pairwise(edges)]
+            kept.append(np.array(picked, dtype=np.intp))
+    return np.unique(np.concatenate(kept))
+
+
+def _with_change(size: float, before: float, unit: str) -> str:
+    text = quantity(size, unit)
+    if size == before or not (before > 0 and math.isfinite(size) and math.isfinite(before)):
+        return text
+    change = size / before - 1
+    return f"{text} ({'+' if change > 0 else ''}{percent(change)})"
+
+
+def _location_text(at: Location) -> str:
+    return (
+        f"{html.escape(wording.spot(at))}<br>{percent(at.share)} of the squared gap"
+        f"<br>lift {number(at.lift)}: that many times its share of the samples"
+    )
+
+
+def _axis_text(name: str) -> str:
+    """A name short enough for an axis on a phone, on several lines."""
+    lines = textwrap.wrap(name, _LONGEST, max_lines=3, placeholder=" …", break_long_words=True)
+    return "<br>".join(html.escape(line) for line in lines)
+
+
+def _largest(group: Iterable[FloatArray]) -> float:
+    finite = (values[np.isfinite(values)] for values in group)
+    return max((float(np.abs(values).max(initial=0.0)) for values in finite), default=0.0)
+
+
+def _rounded(values: FloatArray, digits: int = 5) -> list[float | None]:
+    """Numbers to so many digits of their range, which no screen shows; None is a hole."""
+    finite = values[np.isfinite(values)]
+    size = float(np.ptp(finite)) if finite.size else 0.0
+    places = digits - 1 - math.floor(math.log10(size)) if size > 0 else 9
+    return [round(float(x), places) if math.isfinite(x) else None for x in values]
+
+
+def _specification(figure: go.Figure, height: int) -> Specification:
+    figure.update_layout(
+        template="none",
+        height=height,
+        font=_FONT,
+        margin={"l": 8, "r": 16, "t": 36, "b": 48},
+        legend=_LEGEND,
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+    )
+    figure.update_xaxes(automargin=True, gridcolor="#E4E4E4", linecolor="#999999")
+    figure.update_yaxes(automargin=True, gridcolor="#E4E4E4", linecolor="#999999")
+    specification: Specification = json.loads(figure.to_json())
+    return specification

@@ -1,0 +1,219 @@
+"""The workflow: from recordings to named effects, added to the model.
+
+    from walkerkit import gap
+
+    d = gap.diagnose("leg.xml", ["a.csv", "b.csv", "c.csv"])
+    print(d)
+    d.save("out")           # diagnosis.json, report.html, model.xml, actuators.json
+
+Each step can be used alone: `load_experiments`, `load_robot`, `split`, `build`, `locate`,
+`name_effects`, `mend`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.commands import Hold, driven_by_effort
+from walkerkit.gap.diagnosis import Diagnosis
+from walkerkit.gap.effects import CATALOGUE, Effect
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.evidence import weigh
+from walkerkit.gap.fit import Progress
+from walkerkit.gap.manifest import Experiment, load_experiments
+from walkerkit.gap.mend import mend
+from walkerkit.gap.naming import Round, name_effects
+from walkerkit.gap.problem import Problem, build
+from walkerkit.gap.recording import Recording
+from walkerkit.gap.result import Result, summarise
+from walkerkit.gap.robot import Robot, load_robot
+from walkerkit.gap.sidecar import with_sidecar
+from walkerkit.gap.split import Recordings, split
+
+FloatArray = NDArray[np.float64]
+
+WINDOW = 0.5  # s
+_HOLD_MARGIN = 0.02  # the score by which interpolated targets have to be better than held ones
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What the workflow works on, before any hypothesis.
+
+    Attributes:
+        robots: one per experiment.
+        fitted, held_out: recordings per experiment.
+        window: seconds after which replays restart, or None for whole rollouts.
+        n_threads: threads of the simulation, 0 for all cores.
+    """
+
+    robots: tuple[Robot, ...]
+    fitted: Recordings
+    held_out: Recordings
+    window: float | None
+    n_threads: int
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """All recordings, those that are fitted first."""
+        return tuple(r for group in (*self.fitted, *self.held_out) for r in group)
+
+    def problem(self, hold: Hold) -> Problem:
+        """The comparison under one reading of the targets between their samples."""
+        return build(
+            self.robots,
+            self.fitted,
+            self.held_out,
+            window=self.window,
+            hold=hold,
+            n_threads=self.n_threads,
+        )
+
+
+def diagnose(
+    model: str | Path,
+    recordings: Sequence[str | Path | Recording] = (),
+    *,
+    held_out: Sequence[str | Path | Recording] = (),
+    window: float = WINDOW,
+    effects: Sequence[str] | None = None,
+    n_threads: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Finds where simulation and recordings disagree, names why, and mends the model.
+
+    Args:
+        model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
+        recordings: files or recordings of that model; none with a manifest.
+        held_out: which of them no fit may see.
+        window: seconds after which replays restart where joints are driven by effort.
+        effects: names of the effects to consider; all by default.
+        n_threads: threads of the simulation, 0 for all cores. Results do not depend on it.
+        progress: called with what is being done and how far it is.
+
+    Returns:
+        The diagnosis, with the mended robots.
+
+    Raises:
+        InputError: the model or a recording cannot be used.
+    """
+    start = time.perf_counter()
+    setup = prepare(
+        load_experiments(model, recordings, held_out=held_out), window=window, n_threads=n_threads
+    )
+    chosen = _effects(effects)
+    problem, rounds = _best_hold(setup, chosen, progress)
+    final = rounds[-1].fit
+    mended = tuple(mend(robot, final.structure, final.values) for robot in problem.robots)
+    if progress:
+        progress("writing up", 0.0)
+    return summarise(problem, rounds, mended, seconds=time.perf_counter() - start)
+
+
+def compare(
+    model: str | Path,
+    recordings: Sequence[str | Path | Recording] = (),
+    *,
+    held_out: Sequence[str | Path | Recording] = (),
+    window: float = WINDOW,
+    n_threads: int = 0,
+) -> Diagnosis:
+    """Measures the gap and says where it is, without naming anything.
+
+    Args:
+        model: as for `diagnose`.
+        recordings: as for `diagnose`.
+        held_out: as for `diagnose`.
+        window: as for `diagnose`.
+        n_threads: as for `diagnose`.
+
+    Returns:
+        A diagnosis without effects: its gap is the same before and after.
+
+    Raises:
+        InputError: the model or a recording cannot be used.
+    """
+    start = time.perf_counter()
+    setup = prepare(
+        load_experiments(model, recordings, held_out=held_out), window=window, n_threads=n_threads
+    )
+    problem = setup.problem(_known_hold(setup.robots) or "zero_order")
+    rounds = name_effects(problem, [])
+    return summarise(problem, rounds, problem.robots, seconds=time.perf_counter() - start).diagnosis
+
+
+def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int) -> Setup:
+    """Loads the robots, splits the recordings and decides how to replay them.
+
+    Args:
+        experiments: models and recordings.
+        window: seconds after which replays restart where joints are driven by effort.
+        n_threads: threads of the simulation, 0 for all cores.
+
+    Raises:
+        InputError: a model or recording cannot be used, or they do not fit each other.
+    """
+    if not window > 0:
+        raise InputError(f"window is {window} s; give a positive number of seconds.")
+    robots = []
+    for experiment in experiments:
+        robot = load_robot(experiment.model)
+        if robot.path is not None:
+            robot = with_sidecar(robot, robot.path)
+        for recording in experiment.recordings:
+            robot.check_joints(recording.joints, str(recording.source or recording.name))
+        robots.append(robot)
+    windowed = any(
+        driven_by_effort(robot, recording)
+        for robot, experiment in zip(robots, experiments, strict=True)
+        for recording in experiment.recordings
+    )
+    fitted, held_out = split(experiments)
+    return Setup(
+        robots=tuple(robots),
+        fitted=fitted,
+        held_out=held_out,
+        window=window if windowed else None,
+        n_threads=n_threads,
+    )
+
+
+def _effects(names: Sequence[str] | None) -> list[Effect]:
+    for name in names or ():
+        if name not in CATALOGUE:
+            raise InputError(f"effect {name!r} is not in the catalogue: {', '.join(CATALOGUE)}.")
+    return [effect for name, effect in CATALOGUE.items() if names is None or name in names]
+
+
+def _known_hold(robots: Sequence[Robot]) -> Hold | None:
+    return next((robot.hold for robot in robots if robot.hold is not None), None)
+
+
+def _best_hold(
+    setup: Setup, effects: Sequence[Effect], progress: Progress | None
+) -> tuple[Problem, tuple[Round, ...]]:
+    """Names effects with held targets and, where that leaves a gap, with interpolated ones too.
+
+    A drive holds its last command, but a log at the rate of the control loop itself is better read
+    between samples than held for a simulation that is faster than the loop.
+    """
+    known = _known_hold(setup.robots)
+    problem = setup.problem(known or "zero_order")
+    rounds = name_effects(problem, effects, progress)
+    # The search stops without candidates only where the gap is at the floor.
+    if known is not None or not rounds[-1].candidates:
+        return problem, rounds
+    other = setup.problem("linear")
+    other_rounds = name_effects(other, effects, progress)
+    scores = [
+        float(weigh(p, [r[-1].fit]).both[0]) for p, r in ((problem, rounds), (other, other_rounds))
+    ]
+    if scores[1] < scores[0] - _HOLD_MARGIN:
+        return other, other_rounds
+    return problem, rounds
