@@ -8,7 +8,7 @@ For a joint driven through a scalar transmission of gear G, MuJoCo's affine actu
 rad/s or N·m, this also serves dm_control's scaled actuators, whose control is normalised:
 
     drive = drives_of_joint(model, joint_id)[0]
-    data.ctrl[drive.actuator] = drive.control(0.3)     # 0.3 rad
+    data.ctrl[drive.ctrl] = drive.control(0.3)         # 0.3 rad
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ class Drive:
 
     Attributes:
         actuator: the actuator's id.
+        ctrl: index of its control, which is not the id behind an actuator with several inputs.
         kind: which target it takes.
         slope: control per unit of target.
         offset: control at a target of zero.
@@ -49,6 +50,7 @@ class Drive:
     """
 
     actuator: int
+    ctrl: int
     kind: TargetKind
     slope: float
     offset: float
@@ -74,7 +76,7 @@ def drives_of_joint(model: mujoco.MjModel, joint: int) -> tuple[Drive, ...]:
     """
     return tuple(
         _drive(model, actuator)
-        for actuator in range(model.nu)
+        for actuator in range(model.nactuator)
         if model.actuator_trntype[actuator] in _JOINT_TRANSMISSIONS
         and model.actuator_trnid[actuator, 0] == joint
         and model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
@@ -106,6 +108,7 @@ def _drive(model: mujoco.MjModel, actuator: int) -> Drive:
         slope, offset = gear, 0.0
     return Drive(
         actuator=actuator,
+        ctrl=int(model.actuator_ctrladr[actuator]),
         kind=kind,
         slope=slope,
         offset=offset,

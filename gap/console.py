@@ -122,12 +122,10 @@ def _parameters(named: NamedEffect) -> list[tuple[str, str, str, str]]:
 
 
 def _sizes(diagnosis: Diagnosis) -> Table:
-    table = _table(
-        *("signal", "before", "after", "noise floor"), right=("before", "after", "noise floor")
-    )
+    columns = wording.size_columns(diagnosis)
+    table = _table("signal", *columns, right=columns)
     for name, size in wording.signals(diagnosis.gap).items():
-        numbers = (size.before, size.after, size.noise_floor)
-        _add(table, wording.words(name), *(quantity(value, size.unit) for value in numbers))
+        _add(table, wording.words(name), *wording.size_cells(diagnosis, size))
     return table
 
 

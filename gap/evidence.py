@@ -40,6 +40,33 @@ class Evidence:
     held_resampled: FloatArray
     both_resampled: FloatArray
 
+    @classmethod
+    def joined(cls, parts: Sequence[Evidence]) -> Evidence:
+        """The fits of several pieces of evidence, one after the other."""
+        return cls(
+            mean_square=np.concatenate([part.mean_square for part in parts]),
+            held=np.concatenate([part.held for part in parts]),
+            both=np.concatenate([part.both for part in parts]),
+            held_resampled=np.concatenate([part.held_resampled for part in parts], axis=1),
+            both_resampled=np.concatenate([part.both_resampled for part in parts], axis=1),
+        )
+
+    def only(self, k: int) -> Evidence:
+        """That of fit `k` alone."""
+        return Evidence(
+            mean_square=self.mean_square[[k]],
+            held=self.held[[k]],
+            both=self.both[[k]],
+            held_resampled=self.held_resampled[:, [k]],
+            both_resampled=self.both_resampled[:, [k]],
+        )
+
+    def replaced(self, k: int, other: Evidence) -> Evidence:
+        """With that of fit `k` exchanged for another's only fit."""
+        parts = [self.only(i) for i in range(len(self.held))]
+        parts[k] = other
+        return Evidence.joined(parts)
+
 
 def weigh(problem: Problem, fits: Sequence[Fit]) -> Evidence:
     """Simulates the fits on all recordings and resamples their scores."""

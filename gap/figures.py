@@ -32,7 +32,7 @@ POINTS = 2000  # of a trace; more than a screen has columns
 _FONT = {"family": "system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif", "size": 13}
 _BLUES = [[0.0, "#FFFFFF"], [0.5, "#8FC3E4"], [1.0, "#00588A"]]  # monotone in lightness
 _WHITE_TEXT_ABOVE = 0.65  # of the colour scale
-_LONGEST = 24  # characters of a name at an axis
+_NAME_WIDTH, _STEP_WIDTH = 18, 46  # characters of a line that a phone has room for
 _LEGEND = {"orientation": "h", "x": 0, "y": 1, "xanchor": "left", "yanchor": "bottom"}
 
 
@@ -47,13 +47,12 @@ def steps(diagnosis: Diagnosis) -> Specification:
     floors = (("noise floor", gap.position.noise_floor), ("numerical floor", gap.numerical_floor))
     largest = max((size for _, size in (*sizes, *floors) if math.isfinite(size)), default=0.0)
     unit = scale(largest, gap.position.unit)
-    rows = list(range(len(sizes)))
     figure = go.Figure(
         go.Bar(
             x=[size * unit.factor for _, size in sizes],
-            y=rows,
+            y=[row + 0.05 for row in range(len(sizes))],
             orientation="h",
-            width=0.6,
+            width=0.4,
             text=[_with_change(size, sizes[0][1], gap.position.unit) for _, size in sizes],
             textposition="outside",
             cliponaxis=False,
@@ -65,7 +64,7 @@ def steps(diagnosis: Diagnosis) -> Specification:
             },
         )
     )
-    ends = [-0.5, len(sizes) - 0.5]
+    ends = [-0.7, len(sizes) - 0.6]
     for (name, size), dash, color in zip(floors, ("dash", "dot"), (BLACK, GREY), strict=True):
         figure.add_scatter(
             x=[size * unit.factor] * 2,
@@ -75,17 +74,23 @@ def steps(diagnosis: Diagnosis) -> Specification:
             line={"color": color, "dash": dash, "width": 2},
             hoverinfo="skip",
         )
+    for row, (name, _) in enumerate(sizes):
+        figure.add_annotation(
+            x=0,
+            y=row - 0.22,
+            text=_short(name, _STEP_WIDTH, 1),
+            showarrow=False,
+            xanchor="left",
+            yanchor="bottom",
+            bgcolor="#FFFFFF",  # over the lines of the floors
+            borderpad=0,
+        )
     figure.update_xaxes(title=f"position error, rms [{unit.unit}]", fixedrange=True)
-    figure.update_xaxes(range=[0, 1.4 * largest * unit.factor or 1], zeroline=False)
+    figure.update_xaxes(range=[0, 1.5 * largest * unit.factor or 1], zeroline=False)
     figure.update_yaxes(
-        tickvals=rows,
-        ticktext=[_axis_text(name) for name, _ in sizes],
-        range=ends[::-1],
-        fixedrange=True,
-        showgrid=False,
-        zeroline=False,
+        range=ends[::-1], fixedrange=True, showgrid=False, zeroline=False, showticklabels=False
     )
-    return _specification(figure, height=120 + 52 * len(sizes))
+    return _specification(figure, height=110 + 56 * len(sizes), above=44)
 
 
 def heat_map(
@@ -116,46 +121,46 @@ def heat_map(
                 figure.add_annotation(
                     x=column,
                     y=row,
-                    text=percent(at.share),
+                    text=percent(at.share).removesuffix(" %"),
                     showarrow=False,
                     font={"size": 11, "color": "#FFFFFF" if dark else "#222222"},
                 )
     figure.update_xaxes(
         tickvals=list(range(len(regimes))),
-        ticktext=[_axis_text(wording.words(regime)) for regime in regimes],
-        tickangle=-50,
+        ticktext=[_short(wording.words(regime), _NAME_WIDTH, 2) for regime in regimes],
+        tickangle=-90,
         showgrid=False,
         zeroline=False,
         fixedrange=True,
     )
     figure.update_yaxes(
         tickvals=list(range(len(joints))),
-        ticktext=[_axis_text(wording.site(joint)) for joint in joints],
+        ticktext=[_short(wording.site(joint), _NAME_WIDTH, 2) for joint in joints],
         range=[len(joints) - 0.5, -0.5],
         showgrid=False,
         zeroline=False,
         fixedrange=True,
     )
-    return _specification(figure, height=120 + 34 * len(joints))
+    return _specification(figure, height=120 + 34 * len(joints), above=8, below=8)
 
 
-def comparison() -> Specification:
-    """Axes and empty series for a `comparison_choice`: the signal, and the errors below it."""
+def comparison(mended: bool) -> Specification:
+    """Axes and empty series for a `comparison_choice`: the signal, and the errors below it.
+
+    Args:
+        mended: whether there is a mended model to show beside the one that was given.
+    """
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06
     )
-    before = {"color": VERMILLION, "dash": "dot", "width": 1.8}
-    after = {"color": BLUE, "dash": "dash", "width": 1.8}
-    for row, name, line in (
-        (1, "measured", {"color": BLACK, "width": 1.4}),
-        (1, "simulated, as given", before),
-        (1, "simulated, mended", after),
-        (2, "simulated, as given", before),
-        (2, "simulated, mended", after),
-    ):
-        figure.add_scatter(
-            x=[], y=[], mode="lines", name=name, line=line, showlegend=row == 1, row=row, col=1
-        )
+    lines = {"as given": {"color": VERMILLION, "dash": "dot", "width": 1.8}}
+    if mended:
+        lines["mended"] = {"color": BLUE, "dash": "dash", "width": 1.8}
+    for row, shown in (1, {"measured": {"color": BLACK, "width": 1.4}} | lines), (2, lines):
+        for name, line in shown.items():
+            figure.add_scatter(
+                x=[], y=[], mode="lines", name=name, line=line, showlegend=row == 1, row=row, col=1
+            )
     figure.add_shape(
         type="rect",
         xref="paper",
@@ -171,31 +176,33 @@ def comparison() -> Specification:
     )
     figure.update_xaxes(title="time [s]", row=2, col=1)
     figure.update_layout(hovermode="x unified", dragmode="zoom")
-    return _specification(figure, height=560)
+    return _specification(figure, height=580, above=72)
 
 
-def comparison_choice(trace: Trace, size: GapSize | None) -> Specification:
+def comparison_choice(trace: Trace, size: GapSize | None, mended: bool) -> Specification:
     """One trace, as the two arguments of `Plotly.update`.
 
     Args:
         trace: what to show.
         size: its gap, for the band of the noise floor; None for no band.
+        mended: as in `comparison`.
     """
     kept = decimated(trace)
-    shown = [values[kept] for values in (trace.measured, trace.before, trace.after)]
+    simulated = (trace.before, trace.after) if mended else (trace.before,)
+    shown = [values[kept] for values in (trace.measured, *simulated)]
     errors = [values - shown[0] for values in shown[1:]]
     unit, error_unit = (scale(_largest(group), trace.unit) for group in (shown, errors))
     floor = 0.0 if size is None else size.noise_floor * error_unit.factor
     time = _rounded(trace.time[kept], digits=7)
     series = [_rounded(values * unit.factor) for values in shown]
     series += [_rounded(values * error_unit.factor) for values in errors]
-    signal = html.escape(wording.words(trace.signal))
+    signal = _literal(wording.words(trace.signal))
     axes = [f"{axis}.autorange" for axis in ("xaxis", "xaxis2", "yaxis", "yaxis2")]
     return {
         "data": {"x": [time], "y": series},
         "layout": {
-            "yaxis.title.text": f"{signal} [{html.escape(unit.unit)}]",
-            "yaxis2.title.text": f"simulated − measured [{html.escape(error_unit.unit)}]",
+            "yaxis.title.text": f"{signal} [{_literal(unit.unit)}]",
+            "yaxis2.title.text": f"error [{_literal(error_unit.unit)}]",
             "shapes[0].y0": -floor,
             "shapes[0].y1": floor,
             **dict.fromkeys(axes, True),
@@ -228,15 +235,20 @@ def _with_change(size: float, before: float, unit: str) -> str:
 
 def _location_text(at: Location) -> str:
     return (
-        f"{html.escape(wording.spot(at))}<br>{percent(at.share)} of the squared gap"
+        f"{_literal(wording.spot(at))}<br>{percent(at.share)} of the squared gap"
         f"<br>lift {number(at.lift)}: that many times its share of the samples"
     )
 
 
-def _axis_text(name: str) -> str:
-    """A name short enough for an axis on a phone, on several lines."""
-    lines = textwrap.wrap(name, _LONGEST, max_lines=3, placeholder=" …", break_long_words=True)
-    return "<br>".join(html.escape(line) for line in lines)
+def _short(name: str, width: int, lines: int) -> str:
+    """A name on so many lines; the hover, or the page, has it in full."""
+    wrapped = textwrap.wrap(name, width, max_lines=lines, placeholder=" …")
+    return "<br>".join(_literal(line) for line in wrapped)
+
+
+def _literal(text: str) -> str:
+    """Text that plotly shows as it is; it would read tags, and mathematics between dollars."""
+    return html.escape(text, quote=False).replace("$", "&#36;")
 
 
 def _largest(group: Iterable[FloatArray]) -> float:
@@ -252,17 +264,19 @@ def _rounded(values: FloatArray, digits: int = 5) -> list[float | None]:
     return [round(float(x), places) if math.isfinite(x) else None for x in values]
 
 
-def _specification(figure: go.Figure, height: int) -> Specification:
+def _specification(figure: go.Figure, height: int, above: int, below: int = 48) -> Specification:
     figure.update_layout(
         template="none",
         height=height,
         font=_FONT,
-        margin={"l": 8, "r": 16, "t": 36, "b": 48},
+        margin={"l": 8, "r": 16, "t": above, "b": below},
         legend=_LEGEND,
+        modebar={"bgcolor": "rgba(0,0,0,0)", "color": GREY, "activecolor": BLACK},
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
     )
-    figure.update_xaxes(automargin=True, gridcolor="#E4E4E4", linecolor="#999999")
-    figure.update_yaxes(automargin=True, gridcolor="#E4E4E4", linecolor="#999999")
+    axis = {"automargin": True, "gridcolor": "#E4E4E4", "linecolor": "#999999"}
+    figure.update_xaxes(**axis, title={"font": _FONT, "standoff": 10})
+    figure.update_yaxes(**axis, title={"font": _FONT, "standoff": 10})
     specification: Specification = json.loads(figure.to_json())
     return specification

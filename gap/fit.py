@@ -20,8 +20,8 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float], None]  # what is being done, and how far it is (0 to 1)
 
 _PERTURBATION = 0.02  # of a parameter's scale
-_DAMPING = np.array([1e-4, 1e-2, 1e-1, 1.0, 10.0])
-_CONVERGED = 3e-4  # of the score
+_DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
+_CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
 
@@ -106,10 +106,11 @@ def fit(
                 )
             gains[i] = gain
         leader = min(one.score for one in best)
+        enough = _CONVERGED_IN_RACE if race else _CONVERGED
         active = [
             i
             for i, gain in gains.items()
-            if gain > _CONVERGED and (not race or best[i].score - leader < _PACES * gain)
+            if gain > enough and (not race or best[i].score - leader < _PACES * gain)
         ]
     return best
 

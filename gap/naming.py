@@ -33,6 +33,10 @@ _OVER_NUMERICAL = 0.25  # and over its numerical error, which is taken out to fi
 _CLOSE = 0.02  # scores this near are the same explanation
 _PLACE = 0.005  # a place whose loss costs less does not need the effect
 _REFITS = 4
+_PASSES = 3  # of fitting and finding the numerical error again
+_SETTLED = 0.05  # of a parameter's scale
+_MOST_FINALISTS = 4
+_IN_REACH = 0.5  # of the best gain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,8 +104,7 @@ def _round(
     number: int,
     progress: Progress | None,
 ) -> Round:
-    current = _refined(problem, current)
-    base = weigh(problem, [current])
+    current, base = _settled(problem, current)
     nothing = Round(candidates=(), named=None, confidence=0.0, fit=current)
     if (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * problem.noise).all():
         return nothing
@@ -117,31 +120,49 @@ def _round(
     fits = fit(
         problem.fit.objective, starts, race=True, progress=progress, stage=stage.format("fitting")
     )
-    evidence = weigh(problem, [current, *fits])
+    evidence = Evidence.joined([base, weigh(problem, fits)])
+    # The numerical error was that of the current model; those who could win get their own.
+    for i in _finalists(evidence):
+        fits[i], own = _settled(problem, fits[i])
+        evidence = evidence.replaced(i + 1, own)
     order = [int(i) for i in np.argsort(evidence.both[1:], kind="stable")]
     acceptable = [i for i in order if _worth_it(problem, evidence, i + 1)]
     if not acceptable:
         return replace(nothing, candidates=_candidates(evidence, fits, order, set()))
-    winner = acceptable[0]
+    # A rival has to hold on recordings that it was not fitted to, as the winner does.
+    winner, rivals = acceptable[0], acceptable[1:]
+    _settled(problem, fits[winner])
     found = _places_needed(problem, fits[winner], terms[winner])
-    contest = weigh(problem, [found, *(fits[i] for i in order)])
-    close = _close_to_first(contest)
+    found, own = _settled(problem, found)
+    contest = Evidence.joined([own, *(evidence.only(i + 1) for i in rivals)])
+    close = {rivals[k - 1] for k in _close_to_first(contest)}
     return Round(
-        candidates=_candidates(
-            evidence, fits, order, {order[k - 1] for k in close} - {winner}, first=winner
-        ),
+        candidates=_candidates(evidence, fits, [winner, *(i for i in order if i != winner)], close),
         named=found.structure.terms[-1],
-        confidence=_confidence(contest, order.index(winner) + 1),
+        confidence=_confidence(contest),
         fit=found,
     )
 
 
-def _refined(problem: Problem, current: Fit) -> Fit:
-    """The fit with the numerical error as it is at its values, fitted again in its light."""
-    for half in (problem.fit, problem.held):
-        half.refine(current)
-    start = evaluate(problem.fit.objective, [(current.structure, current.values)])[0]
-    return fit(problem.fit.objective, [start], iterations=_REFITS)[0]
+def _settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
+    """The fit in the light of its own numerical error, which `problem` has from then on."""
+    for _ in range(_PASSES):
+        before = current.values
+        for half in (problem.fit, problem.held):
+            half.refine(current)
+        start = evaluate(problem.fit.objective, [(current.structure, before)])[0]
+        current = fit(problem.fit.objective, [start], iterations=_REFITS)[0]
+        moved = np.abs(current.values - before) / current.structure.scale
+        if not (moved > _SETTLED).any():
+            break
+    return current, weigh(problem, [current])
+
+
+def _finalists(evidence: Evidence) -> list[int]:
+    """Candidates that could still win, best first; the first fit of the evidence is the base."""
+    gain = evidence.both[0] - evidence.both[1:]
+    order = np.argsort(-gain, kind="stable")[:_MOST_FINALISTS]
+    return [int(i) for i in order if gain[i] > max(_MARGIN / 2, _IN_REACH * gain.max())]
 
 
 def _worth_it(problem: Problem, evidence: Evidence, k: int) -> bool:
@@ -162,10 +183,8 @@ def _candidates(
     fits: Sequence[Fit],
     order: Sequence[int],
     close: set[int],
-    first: int | None = None,
 ) -> tuple[Candidate, ...]:
-    """Candidates of a round, the named one first."""
-    ordered = [i for i in order if i == first] + [i for i in order if i != first]
+    """Candidates of a round, in an order of theirs."""
     return tuple(
         Candidate(
             term=fits[i].structure.terms[-1],
@@ -173,7 +192,7 @@ def _candidates(
             close=i in close,
             fit=fits[i],
         )
-        for i in ordered
+        for i in order
     )
 
 
@@ -184,9 +203,9 @@ def _close_to_first(contest: Evidence) -> list[int]:
     return [k for k in range(1, len(near)) if near[k] or ahead[k] > _CHANCE]
 
 
-def _confidence(contest: Evidence, same: int) -> float:
-    """How often fit 0 is best; `same` is its own effect before places were dropped."""
-    scores = np.delete(contest.both_resampled, same, axis=1)
+def _confidence(contest: Evidence) -> float:
+    """How often fit 0 is best in resampled recordings, ties shared."""
+    scores = contest.both_resampled
     best = scores < scores.min(axis=1, keepdims=True) + 0.5 * _CLOSE
     return float((best[:, 0] / best.sum(axis=1)).mean())
 

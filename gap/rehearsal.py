@@ -24,7 +24,7 @@ from walkerkit.tasks.excitation import BATTERY
 
 FloatArray = NDArray[np.float64]
 
-EXPERIMENTS = ("multisine", "slow_triangle", "chirp")  # the last one is held out
+EXPERIMENTS = ("chirp", "slow_triangle", "steps")  # the last one is held out
 SECONDS, RATE = 10.0, 500.0
 _ROOM = 0.35  # part of a joint's range that the targets use, around its home
 _DEFAULT_ROOM = 0.5  # rad, where a joint has no range

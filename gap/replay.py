@@ -29,6 +29,7 @@ FloatArray = NDArray[np.float64]
 _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
 _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
 _CHUNK_BYTES = 2**28
+_FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
 _RECORDS = {"position": "qpos", "velocity": "qvel", "effort": "qfrc_actuator"}
 
 
@@ -53,7 +54,8 @@ class _Group:
         step = robot.model.opt.timestep
         longest = max(segment.duration for segment in segments)
         self.steps = int(np.ceil(longest / step - 1e-6)) + 1
-        self.past = int(np.ceil(_LONGEST_DELAY / step))
+        self.history = int(robot.model.actuator_history[:, 0].max(initial=0))
+        self.past = int(np.ceil(_LONGEST_DELAY / step)) + self.history
         self.joints = segments[0].recording.joints
         self.routes = [routes(robot, segment.recording) for segment in segments]
         self.states = {
@@ -63,45 +65,20 @@ class _Group:
         n = len(segments)
         # One more step than is simulated, so that a delay can be interpolated at the end.
         offsets = step * np.arange(-self.past, self.steps + self.past + 1)
-        self.ctrl = np.zeros((n, len(offsets), robot.model.nu))
+        self.ctrl = np.tile(_rest(robot.model).ctrl, (n, len(offsets), 1))
         self.applied = np.zeros((n, len(offsets), robot.model.nv))
-        self.joint_of_actuator: dict[int, str] = {}
+        self.joint_of_ctrl: dict[int, str] = {}
         for s, segment in enumerate(segments):
             for route in self.routes[s]:
                 self._fill(s, segment, route, segment.start + offsets)
-        self.base = np.stack([self._state_row(s) for s in range(n)])
 
     def _fill(self, s: int, segment: Segment, route: Route, time: FloatArray) -> None:
         values = between_samples(segment.recording, route.column, time, self.hold)
         if route.drive is None:
             self.applied[s, :, route.joint.dof] += values
         else:
-            self.ctrl[s, :, route.drive.actuator] = route.drive.control(values)
-            self.joint_of_actuator[route.drive.actuator] = route.joint.name
-
-    def _state_row(self, s: int) -> FloatArray:
-        """Everything but the measured joints: rest pose, activations, command histories."""
-        model = self.robot.model
-        data = mujoco.MjData(model)
-        if model.nkey:
-            mujoco.mj_resetDataKeyframe(model, data, 0)
-        data.qvel[:] = 0
-        data.time = 0
-        first = self.ctrl[s, self.past]
-        for actuator in range(model.nu):
-            if model.actuator_actnum[actuator]:
-                data.act[model.actuator_actadr[actuator]] = first[actuator]
-            samples = int(model.actuator_history[actuator, 0])
-            if samples:
-                times = model.opt.timestep * np.arange(-samples, 0)
-                values = self.ctrl[s, self.past - samples : self.past, actuator]
-                mujoco.mj_initCtrlHistory(
-                    model, data, actuator, times, np.ascontiguousarray(values[:, None])
-                )
-        spec = mujoco.mjtState.mjSTATE_INTEGRATION
-        row = np.empty(mujoco.mj_stateSize(model, spec))
-        mujoco.mj_getState(model, data, row, spec)
-        return row
+            self.ctrl[s, :, route.drive.ctrl] = route.drive.control(values)
+            self.joint_of_ctrl[route.drive.ctrl] = route.joint.name
 
 
 class Replay:
@@ -185,7 +162,13 @@ class Replay:
         steps = group.steps + int(np.ceil(lead.max() / step))
 
         qpos, qvel = self._initial_state(group, delay - lead[:, None])
-        state = np.repeat(group.base[None], n, axis=0)
+        shift = np.tile(lead[:, None], model.nu)
+        for index, name in group.joint_of_ctrl.items():
+            shift[:, index] += trials.command_delay[name]
+        # From as long before the start as an actuator of the model remembers.
+        remembered = group.history
+        ctrl = _delayed(group.ctrl, group.past - remembered, remembered + steps, shift / step)
+        state = _start(model, ctrl, remembered)
         addresses = [joint.qpos for joint in joints], [joint.dof for joint in joints]
         _write_state(model, state, qpos, qvel, addresses)
 
@@ -197,14 +180,9 @@ class Replay:
             n_threads=self.n_threads,
         )
         applied = self._applied(group, trials, lead, steps)
-        shift = np.tile(lead[:, None], model.nu)
-        for actuator, name in group.joint_of_actuator.items():
-            shift[:, actuator] += trials.command_delay[name]
         rollout = batch.rollout(
             state.reshape(n * n_segments, -1),
-            ctrl=_delayed(group.ctrl, group.past, steps, shift / step).reshape(
-                n * n_segments, steps, -1
-            ),
+            ctrl=ctrl[:, :, remembered:].reshape(n * n_segments, steps, -1),
             qfrc_applied=None if applied is None else applied.reshape(n * n_segments, steps, -1),
             record=record,
         )
@@ -275,6 +253,57 @@ def _similar_lengths(segments: Sequence[Segment]) -> list[list[int]]:
         else:
             groups.append([i])
     return [sorted(group) for group in groups]
+
+
+def _rest(model: mujoco.MjModel) -> mujoco.MjData:
+    """The model at rest in its first keyframe, or in its reference pose where it has none."""
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qvel[:] = 0
+    data.time = 0
+    return data
+
+
+def _start(model: mujoco.MjModel, ctrl: FloatArray, remembered: int) -> FloatArray:
+    """Everything but the measured joints: rest pose, activations, histories of the commands.
+
+    Args:
+        model: the model.
+        ctrl: (n, n_segments, remembered + ..., nu) commands.
+        remembered: steps before the start.
+
+    Returns:
+        (n, n_segments, nstate) rows of mjSTATE_INTEGRATION.
+    """
+    data = _rest(model)
+    steps = model.actuator_history[:, 0]
+    for actuator in np.flatnonzero(steps):
+        samples, width = int(steps[actuator]), int(model.actuator_ctrlnum[actuator])
+        times = model.opt.timestep * np.arange(-samples, 0)
+        mujoco.mj_initCtrlHistory(model, data, actuator, times, np.zeros((samples, width)))
+    spec = mujoco.mjtState.mjSTATE_INTEGRATION
+    row = np.empty(mujoco.mj_stateSize(model, spec))
+    mujoco.mj_getState(model, data, row, spec)
+    state = np.tile(row, (*ctrl.shape[:2], 1))
+    before_act, before_history = (
+        mujoco.mj_stateSize(model, component - 1)
+        for component in (mujoco.mjtState.mjSTATE_ACT.value, mujoco.mjtState.mjSTATE_HISTORY.value)
+    )
+    for actuator in range(model.nactuator):
+        samples, width = int(steps[actuator]), int(model.actuator_ctrlnum[actuator])
+        inputs = slice(model.actuator_ctrladr[actuator], model.actuator_ctrladr[actuator] + width)
+        if samples:
+            # A history is laid out as two numbers of its own, the times, then the values.
+            first = before_history + model.actuator_historyadr[actuator] + 2 + samples
+            past = ctrl[:, :, remembered - samples : remembered, inputs]
+            state[..., first : first + samples * width] = past.reshape(*past.shape[:2], -1)
+        if model.actuator_dyntype[actuator] in _FILTERS:
+            late = remembered - round(model.actuator_delay[actuator] / model.opt.timestep)
+            state[..., before_act + model.actuator_actadr[actuator]] = ctrl[
+                :, :, late, inputs.start
+            ]
+    return state
 
 
 def _write_state(

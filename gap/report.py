@@ -12,6 +12,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
+import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -19,7 +20,6 @@ from typing import Any
 
 import jinja2
 import plotly.offline
-from markupsafe import Markup
 
 from walkerkit.gap import figures, wording
 from walkerkit.gap.diagnosis import Considered, Diagnosis, GapSize, NamedEffect, Trace
@@ -57,9 +57,9 @@ def write_report(
     page = environment.from_string(_asset("report.html.j2")).render(
         _content(diagnosis, catalogue or {}),
         title=wording.label(title),
-        style=Markup(_asset("report.css")),
-        plotly_js=Markup(plotly_js),
-        page_js=Markup(page_js),
+        style=_asset("report.css"),
+        plotly_js=plotly_js,
+        page_js=page_js,
         script_hashes=[_hash(plotly_js), _hash(page_js)],
     )
     Path(path).write_bytes(page.encode())
@@ -79,7 +79,7 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
     return {
         "diagnosis": diagnosis,
         "verdict": wording.TITLES[diagnosis.verdict],
-        "sentence": wording.verdict_sentence(diagnosis),
+        "sentence": _tight(wording.verdict_sentence(diagnosis)),
         "basis": wording.basis(diagnosis.gap),
         "headline": _headline(diagnosis),
         "sizes": _sizes(diagnosis),
@@ -97,29 +97,36 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
         "recordings": [wording.label(name) for name in diagnosis.recordings],
         "choices": _choices(diagnosis, traces),
         "figures": _figures(diagnosis),
-        "traces": [figures.comparison_choice(trace, _floor(diagnosis, trace)) for trace in traces],
+        "traces": [
+            figures.comparison_choice(trace, _floor(diagnosis, trace), bool(diagnosis.effects))
+            for trace in traces
+        ],
     }
+
+
+def _tight(text: str) -> str:
+    """The text with numbers that no line break parts from their units."""
+    return re.sub(r"(?<=\d) (?=%|\w)", "\N{NO-BREAK SPACE}", text)
 
 
 def _headline(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     signal, size = wording.telling(diagnosis.gap)
-    numbers = [(f"{wording.words(signal)} error before", size.before)]
+    numbers = [(f"{wording.words(signal)} error", size.before)]
     if diagnosis.effects:
-        numbers.append(("after", size.after))
+        numbers = [(f"{wording.words(signal)} error before", size.before), ("after", size.after)]
     numbers.append(("noise floor", size.noise_floor))
     return [(name, quantity(value, size.unit)) for name, value in numbers]
 
 
-def _sizes(diagnosis: Diagnosis) -> list[tuple[str, tuple[str, ...]]]:
-    def row(name: str, size: GapSize) -> tuple[str, tuple[str, ...]]:
-        numbers = (size.before, size.after, size.noise_floor)
-        return name, tuple(quantity(number, size.unit) for number in numbers)
-
+def _sizes(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
+    """The table of gaps, its head first."""
     gap = diagnosis.gap
-    rows = [
-        row(f"{wording.words(n)}, all joints", size) for n, size in wording.signals(gap).items()
+    sizes = {f"{wording.words(n)}, all joints": size for n, size in wording.signals(gap).items()}
+    sizes |= {f"position, {wording.label(n)}": size for n, size in gap.joints.items()}
+    return [
+        ("gap", *wording.size_columns(diagnosis)),
+        *((name, *wording.size_cells(diagnosis, size)) for name, size in sizes.items()),
     ]
-    return rows + [row(f"position, {wording.label(n)}", size) for n, size in gap.joints.items()]
 
 
 def _estimates(named: NamedEffect) -> dict[str, Any]:
@@ -174,11 +181,11 @@ def _comparable(improvement: float) -> float:
 def _behind(points: float) -> str:
     if not math.isfinite(points):
         return ""
-    return percent(points).replace("%", "points")
+    return percent(points).removesuffix(" %")
 
 
 def _choices(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[tuple[str, list[Any]]]:
-    """What can be looked at, by recording; first the held-out trace at which the gap is largest."""
+    """What can be looked at, held-out recordings first; chosen is the joint of the largest gap."""
     worst = max(diagnosis.locations, key=lambda at: at.share).joint if diagnosis.locations else ""
     chosen = next(
         (i for i, t in enumerate(traces) if t.joint == worst and t.held_out == traces[0].held_out),
@@ -186,9 +193,9 @@ def _choices(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[tuple[str, l
     )
     groups: dict[str, list[Any]] = {}
     for index, trace in enumerate(traces):
-        group = wording.label(trace.recording) + (" (held out)" if trace.held_out else " (fitted)")
-        option = f"{wording.label(trace.joint)}, {wording.words(trace.signal)}"
-        groups.setdefault(group, []).append((option, index == chosen))
+        option = f"{trace.recording}: {trace.joint}, {wording.words(trace.signal)}"
+        group = groups.setdefault("held out" if trace.held_out else "fitted", [])
+        group.append((wording.label(option), index == chosen))
     return list(groups.items())
 
 
@@ -199,13 +206,14 @@ def _floor(diagnosis: Diagnosis, trace: Trace) -> GapSize | None:
 def _figures(diagnosis: Diagnosis) -> dict[str, figures.Specification]:
     """Every figure by the identifier of its place in the page."""
     found = {"steps": figures.steps(diagnosis)}
-    places = [*diagnosis.locations, *diagnosis.remaining]
+    remaining = diagnosis.remaining if diagnosis.effects else ()
+    places = [*diagnosis.locations, *remaining]
     joints = list(dict.fromkeys([*diagnosis.gap.joints, *(at.joint for at in places)]))
     regimes = list(dict.fromkeys(at.regime for at in places))
     if diagnosis.locations:
         found["located"] = figures.heat_map(diagnosis.locations, joints, regimes)
-    if diagnosis.remaining:
-        found["remaining"] = figures.heat_map(diagnosis.remaining, joints, regimes)
+    if remaining:
+        found["remaining"] = figures.heat_map(remaining, joints, regimes)
     if diagnosis.traces:
-        found["comparison"] = figures.comparison()
+        found["comparison"] = figures.comparison(bool(diagnosis.effects))
     return found

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+
+import numpy as np
 
 from walkerkit.gap.manifest import Experiment
 from walkerkit.gap.recording import Recording
 
 Recordings = tuple[tuple[Recording, ...], ...]
 
-_EVERY = 3  # every third recording is held out
-_FITTED_TIME = 2 / 3
+_EVERY = 3  # every third recording, or block of time, is held out
+_BLOCKS = 6
+_SHORTEST_BLOCK = 0.5  # s
 
 
 def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
     """Splits the recordings of each experiment.
 
     What the user declared is held out; else every third recording where there are three or more;
-    else the last third of each recording's time.
+    else blocks of time.
 
     Args:
         experiments: the recordings by model.
@@ -28,11 +32,7 @@ def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
     everything = [r for experiment in experiments for r in experiment.recordings]
     declared = {name for experiment in experiments for name in experiment.held_out}
     if not declared and len(everything) < _EVERY:
-        cut = [[_in_time(r) for r in experiment.recordings] for experiment in experiments]
-        return (
-            tuple(tuple(early for early, _ in parts) for parts in cut),
-            tuple(tuple(late for _, late in parts) for parts in cut),
-        )
+        return split_in_time(experiments)
     held = declared or {r.name for r in everything[_EVERY - 1 :: _EVERY]}
     return (
         tuple(tuple(r for r in e.recordings if r.name not in held) for e in experiments),
@@ -40,10 +40,32 @@ def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
     )
 
 
-def _in_time(recording: Recording) -> tuple[Recording, Recording]:
-    start = float(recording.time[0])
-    middle = start + _FITTED_TIME * recording.duration
+def split_in_time(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
+    """Splits every recording into blocks of time, of which every third is held out.
+
+    Both halves then see every recording, so that an effect which shows in one of them alone can
+    be found in it and confirmed on it.
+
+    Args:
+        experiments: the recordings by model.
+
+    Returns:
+        Fitted and held-out blocks, each per experiment.
+    """
+    cut = [[part for r in e.recordings for part in _blocks(r)] for e in experiments]
     return (
-        recording.between(start, middle),
-        recording.between(middle, float(recording.time[-1]) + recording.duration),
+        tuple(tuple(part for part, held in parts if not held) for parts in cut),
+        tuple(tuple(part for part, held in parts if held) for parts in cut),
     )
+
+
+def _blocks(recording: Recording) -> list[tuple[Recording, bool]]:
+    """Blocks of a recording, and whether each is held out."""
+    count = int(min(_BLOCKS, max(_EVERY, recording.duration // _SHORTEST_BLOCK)))
+    start, end = float(recording.time[0]), float(recording.time[-1])
+    edges = np.linspace(start, end, count + 1)
+    edges[-1] = np.nextafter(end, np.inf)
+    return [
+        (recording.between(float(low), float(high)), number % _EVERY == _EVERY - 1)
+        for number, (low, high) in enumerate(itertools.pairwise(edges))
+    ]

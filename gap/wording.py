@@ -132,6 +132,18 @@ def signals(gap: Gap) -> dict[str, GapSize]:
     return {"position": gap.position} | others
 
 
+def size_columns(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What a table says of each gap; without effects there is no before and after."""
+    sizes = ("before", "after") if diagnosis.effects else ("gap",)
+    return (*sizes, "noise floor")
+
+
+def size_cells(diagnosis: Diagnosis, size: GapSize) -> tuple[str, ...]:
+    """One gap under the `size_columns`."""
+    sizes = (size.before, size.after) if diagnosis.effects else (size.before,)
+    return tuple(quantity(value, size.unit) for value in (*sizes, size.noise_floor))
+
+
 def telling(gap: Gap) -> tuple[str, GapSize]:
     """The position gap, or the signal that shrank most where position hides the change."""
     ratios = {
@@ -152,7 +164,7 @@ def basis(gap: Gap) -> str:
     replay = (
         "over whole rollouts"
         if gap.horizon is None
-        else f"over windows of {quantity(gap.horizon, 's')} that restart from the measured state"
+        else f"over windows of {gap.horizon:g} s that restart from the measured state"
     )
     return f"Root-mean-square error, {data}, {replay}."
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ from walkerkit.gap.diagnosis import Diagnosis
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.evidence import weigh
-from walkerkit.gap.fit import Progress
+from walkerkit.gap.fit import Progress, evaluate, fit
 from walkerkit.gap.manifest import Experiment, load_experiments
 from walkerkit.gap.mend import mend
 from walkerkit.gap.naming import Round, name_effects
@@ -34,11 +34,20 @@ from walkerkit.gap.recording import Recording
 from walkerkit.gap.result import Result, summarise
 from walkerkit.gap.robot import Robot, load_robot
 from walkerkit.gap.sidecar import with_sidecar
-from walkerkit.gap.split import Recordings, split
+from walkerkit.gap.split import Recordings, split, split_in_time
+from walkerkit.gap.structure import Structure, candidate_terms
 
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.5  # s
+_FLEXIBLE = (
+    "viscous_friction",
+    "coulomb_friction",
+    "armature",
+    "position_gain",
+    "velocity_gain",
+    "torque_bias",
+)
 _HOLD_MARGIN = 0.02  # the score by which interpolated targets have to be better than held ones
 
 
@@ -49,6 +58,7 @@ class Setup:
     Attributes:
         robots: one per experiment.
         fitted, held_out: recordings per experiment.
+        experiments: models and recordings as they were given.
         window: seconds after which replays restart, or None for whole rollouts.
         n_threads: threads of the simulation, 0 for all cores.
     """
@@ -58,11 +68,24 @@ class Setup:
     held_out: Recordings
     window: float | None
     n_threads: int
+    experiments: tuple[Experiment, ...]
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
         """All recordings, those that are fitted first."""
         return tuple(r for group in (*self.fitted, *self.held_out) for r in group)
+
+    @property
+    def may_split_in_time(self) -> bool:
+        """Whether the recordings were split by us, and not in time already."""
+        declared = any(experiment.held_out for experiment in self.experiments)
+        given = sum(len(experiment.recordings) for experiment in self.experiments)
+        return not declared and len(self.recordings) == given
+
+    def split_in_time(self) -> Setup:
+        """The same with blocks of time held out instead of whole recordings."""
+        fitted, held_out = split_in_time(self.experiments)
+        return replace(self, fitted=fitted, held_out=held_out)
 
     def problem(self, hold: Hold) -> Problem:
         """The comparison under one reading of the targets between their samples."""
@@ -109,6 +132,12 @@ def diagnose(
     )
     chosen = _effects(effects)
     problem, rounds = _best_hold(setup, chosen, progress)
+    if setup.may_split_in_time and rounds[-1].candidates and not rounds[-1].fit.structure.terms:
+        # An effect that one recording alone excites can be neither fitted nor confirmed on others.
+        in_time = setup.split_in_time()
+        other_problem, other_rounds = _best_hold(in_time, chosen, progress)
+        if other_rounds[-1].fit.structure.terms:
+            problem, rounds = other_problem, other_rounds
     final = rounds[-1].fit
     mended = tuple(mend(robot, final.structure, final.values) for robot in problem.robots)
     if progress:
@@ -181,6 +210,7 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         held_out=held_out,
         window=window if windowed else None,
         n_threads=n_threads,
+        experiments=tuple(experiments),
     )
 
 
@@ -210,6 +240,8 @@ def _best_hold(
     if known is not None or not rounds[-1].candidates:
         return problem, rounds
     other = setup.problem("linear")
+    if _flexible_score(problem) - _flexible_score(other) < _HOLD_MARGIN:
+        return problem, rounds
     other_rounds = name_effects(other, effects, progress)
     scores = [
         float(weigh(p, [r[-1].fit]).both[0]) for p, r in ((problem, rounds), (other, other_rounds))
@@ -217,3 +249,12 @@ def _best_hold(
     if scores[1] < scores[0] - _HOLD_MARGIN:
         return other, other_rounds
     return problem, rounds
+
+
+def _flexible_score(problem: Problem) -> float:
+    """How well a drive with free friction, inertia, gains and bias explains the recordings."""
+    effects = [CATALOGUE[name] for name in _FLEXIBLE if name in CATALOGUE]
+    terms = candidate_terms(effects, problem.robots, problem.joints)
+    structure = Structure(terms, problem.robots)
+    start = evaluate(problem.fit.objective, [(structure, structure.zero)])
+    return float(weigh(problem, fit(problem.fit.objective, start)).both[0])

@@ -1,7 +1,14 @@
 "use strict";
 (() => {
   const read = (id) => JSON.parse(document.getElementById(id).textContent);
-  const config = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"]};
+  // The buttons are listed, since plotly's own set has one that uploads the data.
+  const config = {
+    responsive: true,
+    displaylogo: false,
+    showSendToCloud: false,
+    plotlyServerURL: "",
+    modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]],
+  };
   const touch = window.matchMedia("(pointer: coarse)").matches;
   const figures = read("figures");
   const plots = Object.keys(figures).map((id) => document.getElementById(id));
@@ -21,7 +28,7 @@
       const choice = choices[select.selectedIndex];
       Plotly.update("comparison", choice.data, choice.layout);
       const chosen = select.selectedOptions[0];
-      document.getElementById("shown").textContent = `${chosen.parentNode.label}: ${chosen.label}`;
+      document.getElementById("shown").textContent = `${chosen.label} (${chosen.parentNode.label})`;
     };
     select.addEventListener("change", show);
     show();

@@ -21,7 +21,16 @@ from walkerkit.gap.diagnosis import (
 
 LegDiagnosis = Callable[..., Diagnosis]
 
-_REGIMES = {"velocity_reversal": 0.6, "low_speed": 0.2, "high_speed": 0.03, "pose": 0.05}
+_REGIMES = {
+    "velocity_reversal": 0.6,
+    "low_speed": 0.2,
+    "high_speed": 0.03,
+    "high_effort": 0.18,
+    "acceleration": 0.31,
+    "pose": 0.05,
+    "direction": 0.004,
+    "load": 0.09,
+}
 _CANDIDATES = (
     ("coulomb_friction", 0.83, "named"),
     ("backlash", 0.79, "lost"),
