@@ -92,7 +92,7 @@ def _drive(model: mujoco.MjModel, actuator: int) -> Drive:
     b0 = b1 = b2 = 0.0
     if model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_AFFINE:
         b0, b1, b2 = (float(b) for b in model.actuator_biasprm[actuator, :3])
-    unit = model.actuator_ctrlspec[actuator]
+    unit = int(model.actuator_ctrlspec[actuator])
     kind: TargetKind
     if b1 != 0:
         kind, slope, offset = "position", -b1 * gear / gain, -b0 / gain

@@ -6,11 +6,13 @@ why; 1: our own failure.
 
 from __future__ import annotations
 
+import io
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
@@ -25,10 +27,11 @@ os.environ.setdefault("MUJOCO_GL", "disable")
 app = typer.Typer(
     name="walkerkit",
     help="Find where your robot and its simulation disagree, name why, and mend the model.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+# typer exports one kind of usage error, but not the class that all of them have in common.
+_UsageError: type[typer.BadParameter] = typer.BadParameter.__mro__[1]
 
 Model = Annotated[
     str,
@@ -61,10 +64,11 @@ def demo(
 ) -> None:
     """Hide an effect in a simulated leg, record it, and find it again."""
     from walkerkit.gap.demo import run
+    from walkerkit.gap.output import check_folder
 
+    check_folder(out)
     with _progress() as progress:
-        result, rehearsal = run(seed=seed, hide=hide, n_threads=threads, progress=progress)
-        result.save(out)
+        result, rehearsal = run(seed=seed, hide=hide, out=out, n_threads=threads, progress=progress)
     _print_result(result, as_json=False)
     console = _console()
     hidden = [effect.describe() for effect in rehearsal.hidden] or ["nothing"]
@@ -107,7 +111,9 @@ def diagnose(
 ) -> None:
     """Find where simulation and recordings disagree, name why, and mend the model."""
     from walkerkit.gap import workflow
+    from walkerkit.gap.output import check_folder
 
+    check_folder(out)
     with _progress() as progress:
         result = workflow.diagnose(
             model,
@@ -152,25 +158,38 @@ def simulate(
     from walkerkit.gap.rehearsal import rehearse
 
     rehearsal = rehearse(model, hide, seed=seed, seconds=seconds)
+    console = _console()
     try:
         out.mkdir(parents=True, exist_ok=True)
+        for recording in rehearsal.recordings:
+            recording.save(out / f"{recording.name}.csv")
+            console.print(str(out / f"{recording.name}.csv"), markup=False, soft_wrap=True)
     except OSError as error:
-        raise InputError(f"{out}: cannot be made ({error.strerror}). Give another --out.") from None
-    console = _console()
-    for recording in rehearsal.recordings:
-        recording.save(out / f"{recording.name}.csv")
-        console.print(str(out / f"{recording.name}.csv"), markup=False, soft_wrap=True)
+        raise InputError(
+            f"{out}: cannot be written ({error.strerror}). Give another folder with --out."
+        ) from None
     hidden = [effect.describe() for effect in rehearsal.hidden] or ["nothing"]
     console.print(f"hidden: {'; '.join(hidden)}", markup=False, soft_wrap=True)
 
 
 def main() -> None:
     """Runs the program and ends the process with its exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # not every terminal can write τ and µ
+            stream.reconfigure(errors="replace")
     try:
-        app()
+        status = app(sys.argv[1:] or ["--help"], prog_name=app.info.name, standalone_mode=False)
     except InputError as error:
-        typer.echo(f"walkerkit: {' '.join(str(error).split())}", err=True)
-        raise SystemExit(2) from None
+        _refuse(str(error))
+    except _UsageError as error:
+        command = error.ctx.command_path if error.ctx else app.info.name
+        _refuse(f"{error.format_message().rstrip('.')}. See `{command} --help`.")
+    sys.exit(status)
+
+
+def _refuse(message: str) -> NoReturn:
+    typer.echo(f"walkerkit: {' '.join(message.split())}", err=True)
+    raise SystemExit(2) from None
 
 
 def _console() -> Any:

@@ -76,7 +76,7 @@ def _heading(text: str) -> Text:
 
 
 def _table(*columns: str, right: tuple[str, ...] = ()) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
     for name in columns:
         justify: Literal["left", "right"] = "right" if name in right else "left"
         table.add_column(name, justify=justify, overflow="fold", min_width=min(len(name), 6))
@@ -89,7 +89,7 @@ def _add(table: Table, *cells: str) -> None:
 
 def _locations(diagnosis: Diagnosis) -> Table:
     table = _table("joint", "regime", "of the gap", "lift", right=("of the gap", "lift"))
-    for at in sorted(diagnosis.locations, key=lambda at: -at.share)[:_TOP]:
+    for at in diagnosis.locations[:_TOP]:
         share, lift = percent(at.share), f"{at.lift:.1f}×"
         _add(table, wording.site(at.joint), wording.words(at.regime), share, lift)
     return table

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
+from pathlib import Path
 
 from walkerkit.gap.fit import Progress
 from walkerkit.gap.rehearsal import Rehearsal, rehearse
@@ -15,6 +17,7 @@ def run(
     *,
     seed: int = 0,
     hide: Sequence[str] | None = None,
+    out: Path | None = None,
     n_threads: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Result, Rehearsal]:
@@ -23,6 +26,7 @@ def run(
     Args:
         seed: what is hidden, where and how large.
         hide: effects to hide instead of a drawn one; `["none"]` for nothing.
+        out: folder for the result, the leg and its recordings; nothing is written by default.
         n_threads: threads of the simulation, 0 for all cores.
         progress: called with what is being done and how far it is.
 
@@ -33,4 +37,10 @@ def run(
         progress("recording the leg", 0.0)
     rehearsal = rehearse(LEG_XML, hide, seed=seed)
     result = diagnose(str(LEG_XML), rehearsal.recordings, n_threads=n_threads, progress=progress)
+    if out is not None:
+        result.save(out)
+        shutil.copyfile(LEG_XML, out / "leg.xml")
+        (out / "recordings").mkdir(exist_ok=True)
+        for recording in rehearsal.recordings:
+            recording.save(out / "recordings" / f"{recording.name}.csv")
     return result, rehearsal

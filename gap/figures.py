@@ -31,8 +31,7 @@ BLACK, SKY, BLUE, VERMILLION, GREY = "#000000", "#56B4E9", "#0072B2", "#D55E00",
 POINTS = 2000  # of a trace; more than a screen has columns
 _FONT = {"family": "system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif", "size": 13}
 _BLUES = [[0.0, "#FFFFFF"], [0.5, "#8FC3E4"], [1.0, "#00588A"]]  # monotone in lightness
-_WHITE_TEXT_ABOVE = 0.65  # of the colour scale
-_NAME_WIDTH, _STEP_WIDTH = 18, 46  # characters of a line that a phone has room for
+_NAME_WIDTH, _STEP_WIDTH = 20, 46  # characters of a line that a phone has room for
 _LEGEND = {"orientation": "h", "x": 0, "y": 1, "xanchor": "left", "yanchor": "bottom"}
 
 
@@ -112,19 +111,11 @@ def heat_map(
             hoverongaps=False,
             hovertext=[[at and _location_text(at) for at in row] for row in grid],
             hovertemplate="%{hovertext}<extra></extra>",
+            text=[[_share(at) for at in row] for row in grid],
+            texttemplate="%{text}",
+            textfont={"size": 11},
         )
     )
-    for row, found in enumerate(grid):
-        for column, at in enumerate(found):
-            if at is not None:
-                dark = at.share > _WHITE_TEXT_ABOVE * top
-                figure.add_annotation(
-                    x=column,
-                    y=row,
-                    text=percent(at.share).removesuffix(" %"),
-                    showarrow=False,
-                    font={"size": 11, "color": "#FFFFFF" if dark else "#222222"},
-                )
     figure.update_xaxes(
         tickvals=list(range(len(regimes))),
         ticktext=[_short(wording.words(regime), _NAME_WIDTH, 2) for regime in regimes],
@@ -240,10 +231,15 @@ def _location_text(at: Location) -> str:
     )
 
 
+def _share(at: Location | None) -> str:
+    return "" if at is None else _literal(percent(at.share).removesuffix(" %"))
+
+
 def _short(name: str, width: int, lines: int) -> str:
-    """A name on so many lines; the hover, or the page, has it in full."""
-    wrapped = textwrap.wrap(name, width, max_lines=lines, placeholder=" …")
-    return "<br>".join(_literal(line) for line in wrapped)
+    """A name on so many lines, broken at its underscores; the page has it in full elsewhere."""
+    apart = name.replace("_", "_ ")
+    wrapped = textwrap.wrap(apart, width, max_lines=lines, placeholder=" …")
+    return "<br>".join(_literal(line.replace("_ ", "_")) for line in wrapped)
 
 
 def _literal(text: str) -> str:

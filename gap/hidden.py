@@ -24,8 +24,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.errors import InputError
-from walkerkit.gap.recording_files import closest
+from walkerkit.gap.errors import InputError, closest
 
 
 @dataclass(frozen=True, kw_only=True)

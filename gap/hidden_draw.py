@@ -20,11 +20,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.errors import InputError
+from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.hardware_drive import Drives, load_rig
 from walkerkit.gap.hidden import HIDEABLE, HiddenEffect
 from walkerkit.gap.recording import Recording
-from walkerkit.gap.recording_files import closest
 
 Array = NDArray[np.float64]
 

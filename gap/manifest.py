@@ -21,8 +21,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from walkerkit.gap.errors import closest, refusal
 from walkerkit.gap.recording import Recording
-from walkerkit.gap.recording_files import check_file, closest, is_recording, refusal
+from walkerkit.gap.recording_files import check_file, is_recording
+from walkerkit.gap.robot import is_callable
 
 _KEYS = ("model", "recordings", "held_out")
 
@@ -160,7 +162,7 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any]) -> _Draft:
                 f'["log.csv"]{", or leave it out" if key == "held_out" else ""}.'
             )
         files[key] = listed
-    if not _is_callable(model):
+    if not is_callable(model):
         model = str(path.parent / model)
     _check_model(model)
     return _Draft(
@@ -243,13 +245,8 @@ def _title(item: str | Path | Recording) -> str:
     return str((item.source or item.name) if isinstance(item, Recording) else item)
 
 
-def _is_callable(model: str) -> bool:
-    module, separator, function = model.rpartition(":")
-    return bool(separator) and function.isidentifier() and "/" not in module and "\\" not in module
-
-
 def _check_model(model: str) -> None:
-    if _is_callable(model):
+    if is_callable(model):
         return
     if is_recording(Path(model)):
         raise refusal(f"{model}: this is a recording. Name the model, and the model first.")

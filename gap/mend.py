@@ -9,8 +9,10 @@ effort) goes to `actuators.json`; see `walkerkit.gap.sidecar`.
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,7 @@ SetJoint = Callable[[Any, Any, float], None]  # joint element, value, unit of it
 
 _LINEAR = 1  # interpolation of an actuator's delay
 _TOLERANCE = 1e-9
+_DIGITS = 8  # more would show that colours are single precision
 
 
 def mend(robot: Robot, structure: Structure, values: FloatArray) -> Robot:
@@ -90,7 +93,30 @@ def write_model(robot: Robot, path: Path, taken: dict[str, Path | str] | None = 
                 element.file = _copy_asset(robot, element.file, folder, path.parent, taken)
     if taken:
         spec.meshdir = spec.texturedir = "assets"
-    path.write_text(spec.to_xml(), encoding="utf-8")
+    with _more_digits():
+        text = spec.to_xml()
+    path.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def _more_digits() -> Iterator[None]:
+    """Has MuJoCo write eight digits instead of six, of which a long rollout shows the sixth.
+
+    The setting is there for MuJoCo's own tests; a version without it writes its six digits.
+    """
+    found = sorted(Path(mujoco.__file__).parent.glob("libmujoco.*"))
+    library = ctypes.CDLL(str(found[0])) if found else None
+    read = getattr(library, "_mjPRIVATE__get_xml_precision", None)
+    write = getattr(library, "_mjPRIVATE__set_xml_precision", None)
+    if read is None or write is None:
+        yield
+        return
+    digits = read()
+    write(_DIGITS)
+    try:
+        yield
+    finally:
+        write(digits)
 
 
 def _copy_asset(

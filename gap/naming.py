@@ -116,10 +116,12 @@ def _round(
     stage = f"effect {number}: {{}} {len(terms)} candidates"
     if progress:
         progress(stage.format("screening"), 0.0)
-    starts = screen(problem.fit.objective, current, terms)
-    fits = fit(
-        problem.fit.objective, starts, race=True, progress=progress, stage=stage.format("fitting")
-    )
+    race = problem.race
+    if race is not problem.fit:
+        race.refine(current)
+    (start,) = evaluate(race.objective, [(current.structure, current.values)])
+    starts = screen(race.objective, start, terms)
+    fits = fit(race.objective, starts, race=True, progress=progress, stage=stage.format("fitting"))
     evidence = Evidence.joined([base, weigh(problem, fits)])
     # The numerical error was that of the current model; those who could win get their own.
     for i in _finalists(evidence):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,26 @@ from walkerkit.gap.robot import Robot
 from walkerkit.gap.sidecar import FILE, sidecar
 
 DIAGNOSIS, REPORT, MANIFEST = "diagnosis.json", "report.html", "experiments.toml"
+
+
+def check_folder(folder: Path) -> None:
+    """Tells whether a folder can be written before the work is done that would be lost.
+
+    Args:
+        folder: may be missing.
+
+    Raises:
+        InputError: it is no folder, or what it would be made in is none or may not be written.
+    """
+    whole = folder.absolute()
+    try:
+        there = next(path for path in (whole, *whole.parents) if path.exists())
+    except OSError as error:
+        raise _unwritable(folder, error.strerror) from None
+    if not there.is_dir():
+        raise _unwritable(folder, f"{there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise _unwritable(folder, f"no permission to write in {there}")
 
 
 def save(result: Result, folder: Path) -> Path:
@@ -42,10 +63,12 @@ def save(result: Result, folder: Path) -> Path:
                 else:
                     path.replace(target)
     except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be written ({error.strerror}). Give another folder with --out."
-        ) from None
+        raise _unwritable(folder, error.strerror) from None
     return folder
+
+
+def _unwritable(folder: Path, reason: str | None) -> InputError:
+    return InputError(f"{folder}: cannot be written ({reason}). Give another folder with --out.")
 
 
 def _write(result: Result, folder: Path) -> None:

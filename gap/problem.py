@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 
 REFINEMENT = 4  # how many times finer the timestep is that shows the numerical error
 _SCORED = ("position", "effort")  # velocity comes from the same encoder and adds its filter's lag
+_RACE_STEPS = 25_000
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
 
@@ -53,6 +54,7 @@ class Problem:
         robots: the robots; the effects' values are shared by all.
         joints: joints that the recordings measure.
         fit: recordings that are fitted.
+        race: what candidates are first tried on: `fit`, or a part of it where it is long.
         held: recordings that are held out.
         noise: (n_scored,) noise of the scored channels.
         hold: what the targets are between their samples.
@@ -63,6 +65,7 @@ class Problem:
     robots: tuple[Robot, ...]
     joints: tuple[str, ...]
     fit: Half
+    race: Half
     held: Half
     noise: FloatArray
     hold: Hold
@@ -117,7 +120,7 @@ def build(
         for robot, fit, held in zip(robots, fitted, held_out, strict=True)
     ]
 
-    def half(recordings: Sequence[Sequence[Recording]]) -> Half:
+    def half(recordings: Sequence[Sequence[Recording]], every: int = 1) -> Half:
         present = [(robot, r) for robot, r in zip(sized, recordings, strict=True) if r]
 
         def objective(factor: int, other_integrator: bool) -> Objective:
@@ -126,7 +129,7 @@ def build(
                     robot
                     if factor == 1
                     else robot.refined(factor, other_integrator=other_integrator),
-                    cut(mine, window),
+                    cut(mine, window)[::every],
                     channels if factor == 1 else scored,
                     hold=hold,
                     n_threads=n_threads,
@@ -141,10 +144,14 @@ def build(
             finer=(objective(REFINEMENT, False), objective(REFINEMENT, True)),
         )
 
+    fit = half(fitted)
+    # Windows are alike, so that every second or third tells as much of a candidate.
+    every = 1 if window is None else fit.objective.steps // _RACE_STEPS + 1
     return Problem(
         robots=tuple(sized),
         joints=joints,
-        fit=half(fitted),
+        fit=fit,
+        race=fit if every == 1 else half(fitted, every),
         held=half(held_out),
         noise=floor,
         hold=hold,

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from walkerkit.gap.errors import InputError
-from walkerkit.gap.recording_files import closest, describe_row, read, refusal, write
+from walkerkit.gap.errors import InputError, closest, refusal
+from walkerkit.gap.recording_files import describe_row, read, write
 
 Array = npt.NDArray[np.float64]
 

@@ -9,12 +9,11 @@ Numbers survive each format bit for bit. Whatever makes a file unreadable raises
 from __future__ import annotations
 
 import csv
-import difflib
 import io
 import itertools
 import re
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
@@ -24,7 +23,7 @@ import pyarrow
 import pyarrow.csv
 import pyarrow.parquet
 
-from walkerkit.gap.errors import InputError
+from walkerkit.gap.errors import InputError, closest, one_line, refusal
 
 Values = npt.NDArray[Any]
 Columns = Mapping[str, npt.NDArray[np.float64]]
@@ -53,9 +52,8 @@ def read(path: Path, choose: Choose) -> dict[str, Values]:
     except InputError:
         raise
     except Exception as error:  # parsers fail in many ways on a broken file; each is the file's
-        reason = str(error).rstrip(".") or type(error).__name__
         raise refusal(
-            f"{path}: it cannot be read as {path.suffix}: {reason}. Write the file again."
+            f"{path}: it cannot be read as {path.suffix}: {one_line(error)}. Write the file again."
         ) from error
 
 
@@ -111,18 +109,6 @@ def describe_row(source: Path | None, row: int) -> str:
     with source.open(encoding="utf-8-sig", errors="replace") as file:
         number, _ = next(itertools.islice(_csv_lines(file), row + 1, None), (None, ""))
     return text if number is None else f"{text} (line {number})"
-
-
-def closest(name: str, valid: Iterable[str]) -> str:
-    """The names most like `name`, as a clause of an error message; empty where none is."""
-    lower = {option.lower(): option for option in valid}
-    close = difflib.get_close_matches(name.lower(), lower, n=3, cutoff=0.4)
-    return f" (did you mean {', '.join(repr(lower[match]) for match in close)}?)" if close else ""
-
-
-def refusal(text: str) -> InputError:
-    """The error to raise, on one line even where a file name or a parser has line breaks."""
-    return InputError(" ".join(text.splitlines()))
 
 
 def is_recording(path: Path) -> bool:
@@ -187,9 +173,8 @@ def _read_npz(path: Path, choose: Choose) -> dict[str, Values]:
             try:
                 columns[name] = archive[name]
             except ValueError as error:
-                reason = str(error).rstrip(".")
                 raise refusal(
-                    f"{path}: column {name!r}: {reason}. Save it as an array of float64."
+                    f"{path}: column {name!r}: {one_line(error)}. Save it as an array of float64."
                 ) from error
     return columns
 

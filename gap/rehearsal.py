@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 
 EXPERIMENTS = ("chirp", "slow_triangle", "steps")  # the last one is held out
 SECONDS, RATE = 10.0, 500.0
+LONGEST = 3600.0  # s
 _ROOM = 0.35  # part of a joint's range that the targets use, around its home
 _DEFAULT_ROOM = 0.5  # rad, where a joint has no range
 _SPEED = 6.0  # rad/s
@@ -68,8 +69,10 @@ def rehearse(
             raise InputError(
                 f"effect {name!r} cannot be hidden; choose from none, {', '.join(HIDEABLE)}."
             )
-    if not seconds >= 1:
-        raise InputError(f"seconds is {seconds}; an experiment takes at least 1 s.")
+    if not 1 <= seconds <= LONGEST:
+        raise InputError(
+            f"seconds is {seconds:g}; an experiment takes at least 1 s and at most {LONGEST:g} s."
+        )
     rng = np.random.default_rng(seed)
     robot = load_robot(model)
     targets = [BATTERY[name] for name in EXPERIMENTS]

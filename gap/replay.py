@@ -13,13 +13,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.commands import Hold, Route, between_samples, routes
 from walkerkit.gap.robot import Robot
 from walkerkit.gap.segments import Segment
+from walkerkit.gap.start import memory, rest, start_state
 from walkerkit.gap.state import MeasuredState
 from walkerkit.gap.trials import Trials
 from walkerkit.walkers.batch import LockStep
@@ -29,7 +29,6 @@ FloatArray = NDArray[np.float64]
 _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
 _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
 _CHUNK_BYTES = 2**28
-_FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
 _RECORDS = {"position": "qpos", "velocity": "qvel", "effort": "qfrc_actuator"}
 
 
@@ -54,8 +53,8 @@ class _Group:
         step = robot.model.opt.timestep
         longest = max(segment.duration for segment in segments)
         self.steps = int(np.ceil(longest / step - 1e-6)) + 1
-        self.history = int(robot.model.actuator_history[:, 0].max(initial=0))
-        self.past = int(np.ceil(_LONGEST_DELAY / step)) + self.history
+        self.memory = memory(robot.model)
+        self.past = int(np.ceil(_LONGEST_DELAY / step)) + self.memory
         self.joints = segments[0].recording.joints
         self.routes = [routes(robot, segment.recording) for segment in segments]
         self.states = {
@@ -65,7 +64,7 @@ class _Group:
         n = len(segments)
         # One more step than is simulated, so that a delay can be interpolated at the end.
         offsets = step * np.arange(-self.past, self.steps + self.past + 1)
-        self.ctrl = np.tile(_rest(robot.model).ctrl, (n, len(offsets), 1))
+        self.ctrl = np.tile(rest(robot.model).ctrl, (n, len(offsets), 1))
         self.applied = np.zeros((n, len(offsets), robot.model.nv))
         self.joint_of_ctrl: dict[int, str] = {}
         for s, segment in enumerate(segments):
@@ -157,20 +156,24 @@ class Replay:
         step = model.opt.timestep
         joints = [self.robot.joints[name] for name in group.joints]
         delay = np.stack([trials.position_delay[joint.name] for joint in joints], axis=1)
-        # The oldest joint's log at the segment's start shows the robot this much earlier.
-        lead = delay.max(axis=1)
-        steps = group.steps + int(np.ceil(lead.max() / step))
+        # The oldest joint's log at the segment's start shows the robot this much earlier. Whole
+        # steps, so that controls change when they changed and efforts are read when they were.
+        lead = step * np.ceil(delay.max(axis=1) / step - 1e-9)
+        steps = group.steps + round(lead.max() / step)
 
         qpos, qvel = self._initial_state(group, delay - lead[:, None])
         shift = np.tile(lead[:, None], model.nu)
         for index, name in group.joint_of_ctrl.items():
             shift[:, index] += trials.command_delay[name]
-        # From as long before the start as an actuator of the model remembers.
-        remembered = group.history
+        remembered = group.memory
         ctrl = _delayed(group.ctrl, group.past - remembered, remembered + steps, shift / step)
-        state = _start(model, ctrl, remembered)
-        addresses = [joint.qpos for joint in joints], [joint.dof for joint in joints]
-        _write_state(model, state, qpos, qvel, addresses)
+        state = start_state(
+            model,
+            ctrl[:, :, :remembered],
+            qpos,
+            qvel,
+            ([joint.qpos for joint in joints], [joint.dof for joint in joints]),
+        )
 
         record = sorted({_RECORDS[channel.signal] for channel in self.channels})
         batch = LockStep(
@@ -255,70 +258,6 @@ def _similar_lengths(segments: Sequence[Segment]) -> list[list[int]]:
     return [sorted(group) for group in groups]
 
 
-def _rest(model: mujoco.MjModel) -> mujoco.MjData:
-    """The model at rest in its first keyframe, or in its reference pose where it has none."""
-    data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-    data.qvel[:] = 0
-    data.time = 0
-    return data
-
-
-def _start(model: mujoco.MjModel, ctrl: FloatArray, remembered: int) -> FloatArray:
-    """Everything but the measured joints: rest pose, activations, histories of the commands.
-
-    Args:
-        model: the model.
-        ctrl: (n, n_segments, remembered + ..., nu) commands.
-        remembered: steps before the start.
-
-    Returns:
-        (n, n_segments, nstate) rows of mjSTATE_INTEGRATION.
-    """
-    data = _rest(model)
-    steps = model.actuator_history[:, 0]
-    for actuator in np.flatnonzero(steps):
-        samples, width = int(steps[actuator]), int(model.actuator_ctrlnum[actuator])
-        times = model.opt.timestep * np.arange(-samples, 0)
-        mujoco.mj_initCtrlHistory(model, data, actuator, times, np.zeros((samples, width)))
-    spec = mujoco.mjtState.mjSTATE_INTEGRATION
-    row = np.empty(mujoco.mj_stateSize(model, spec))
-    mujoco.mj_getState(model, data, row, spec)
-    state = np.tile(row, (*ctrl.shape[:2], 1))
-    before_act, before_history = (
-        mujoco.mj_stateSize(model, component - 1)
-        for component in (mujoco.mjtState.mjSTATE_ACT.value, mujoco.mjtState.mjSTATE_HISTORY.value)
-    )
-    for actuator in range(model.nactuator):
-        samples, width = int(steps[actuator]), int(model.actuator_ctrlnum[actuator])
-        inputs = slice(model.actuator_ctrladr[actuator], model.actuator_ctrladr[actuator] + width)
-        if samples:
-            # A history is laid out as two numbers of its own, the times, then the values.
-            first = before_history + model.actuator_historyadr[actuator] + 2 + samples
-            past = ctrl[:, :, remembered - samples : remembered, inputs]
-            state[..., first : first + samples * width] = past.reshape(*past.shape[:2], -1)
-        if model.actuator_dyntype[actuator] in _FILTERS:
-            late = remembered - round(model.actuator_delay[actuator] / model.opt.timestep)
-            state[..., before_act + model.actuator_actadr[actuator]] = ctrl[
-                :, :, late, inputs.start
-            ]
-    return state
-
-
-def _write_state(
-    model: mujoco.MjModel,
-    state: FloatArray,
-    qpos: FloatArray,
-    qvel: FloatArray,
-    addresses: tuple[list[int], list[int]],
-) -> None:
-    """Writes measured joints into rows of mjSTATE_INTEGRATION."""
-    before_qpos = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_TIME)
-    state[..., before_qpos + np.asarray(addresses[0])] = qpos
-    state[..., before_qpos + model.nq + np.asarray(addresses[1])] = qvel
-
-
 def _delayed(values: FloatArray, past: int, steps: int, shift: FloatArray) -> FloatArray:
     """Commands of each trial, interpolated linearly between steps as MuJoCo's own delay does.
 
@@ -354,9 +293,11 @@ def _at(series: FloatArray, index: FloatArray) -> FloatArray:
         index = index[:1]
         whole = np.minimum(index[0].astype(np.int64), last - 1)
         part = index[0] - whole
-        return series[:, whole] * (1 - part) + series[:, whole + 1] * part
-    whole = np.minimum(index.astype(np.int64), last - 1)
-    part = index - whole
-    early = np.take_along_axis(series, whole, axis=1)
-    late = np.take_along_axis(series, whole + 1, axis=1)
-    return early * (1 - part) + late * part
+        early, late = series[:, whole], series[:, whole + 1]
+    else:
+        whole = np.minimum(index.astype(np.int64), last - 1)
+        part = index - whole
+        early = np.take_along_axis(series, whole, axis=1)
+        late = np.take_along_axis(series, whole + 1, axis=1)
+    between: FloatArray = early * (1 - part) + late * part
+    return between

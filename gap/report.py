@@ -24,6 +24,7 @@ import plotly.offline
 from walkerkit.gap import figures, wording
 from walkerkit.gap.diagnosis import Considered, Diagnosis, GapSize, NamedEffect, Trace
 from walkerkit.gap.effects import Effect
+from walkerkit.gap.locate import EVERYWHERE as EVERY_REGIME
 from walkerkit.gap.quantity import percent, quantity
 
 _ASSETS = files("walkerkit.gap") / "assets"
@@ -210,6 +211,7 @@ def _figures(diagnosis: Diagnosis) -> dict[str, figures.Specification]:
     places = [*diagnosis.locations, *remaining]
     joints = list(dict.fromkeys([*diagnosis.gap.joints, *(at.joint for at in places)]))
     regimes = list(dict.fromkeys(at.regime for at in places))
+    regimes.sort(key=lambda name: name == EVERY_REGIME)  # stable: last, as a sum would be
     if diagnosis.locations:
         found["located"] = figures.heat_map(diagnosis.locations, joints, regimes)
     if remaining:

@@ -7,7 +7,6 @@ robot.channels(recording.joints)  # checks that they exist
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import sys
 from collections.abc import Iterable, Mapping
@@ -18,7 +17,7 @@ from typing import Any, Literal
 import mujoco
 
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
-from walkerkit.gap.errors import InputError
+from walkerkit.gap.errors import InputError, closest, one_line
 
 _MEND = "Mend the MJCF until MuJoCo loads it."
 _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -111,13 +110,13 @@ class Robot:
     @property
     def path(self) -> Path | None:
         """The file that the model came from, or None."""
-        return None if _is_callable(self.source) else Path(self.source)
+        return None if is_callable(self.source) else Path(self.source)
 
     @property
     def stem(self) -> str:
         """Short name, used for the files that are written."""
         return (
-            self.source.rpartition(":")[2] if _is_callable(self.source) else Path(self.source).stem
+            self.source.rpartition(":")[2] if is_callable(self.source) else Path(self.source).stem
         )
 
     def refined(self, factor: int, *, other_integrator: bool = False) -> Robot:
@@ -161,11 +160,13 @@ class Robot:
 
     def check_joints(self, names: Iterable[str], source: str) -> None:
         """Raises InputError where the model lacks one of `names`, which come from `source`."""
+        known = ", ".join(map(repr, self.joints))
         for name in names:
             if name not in self.joints:
                 raise InputError(
-                    f"{source}: joint {name!r} is not in the model {self.source}; "
-                    f"{_closest(name, self.joints)}. Rename the columns `{name}/…` or the joint."
+                    f"{source}: joint {name!r} is not in the model {self.source}"
+                    f"{closest(name, self.joints) or f', which has {known}'}. "
+                    f"Rename the columns `{name}/…` or the joint."
                 )
 
 
@@ -183,7 +184,7 @@ def load_robot(source: str | Path) -> Robot:
         InputError: the file is missing or does not compile, or the robot has no joint to compare.
     """
     name = str(source)
-    spec = _spec_from_callable(name) if _is_callable(name) else _spec_from_file(Path(source))
+    spec = _spec_from_callable(name) if is_callable(name) else _spec_from_file(Path(source))
     return robot_from_spec(spec, name)
 
 
@@ -197,13 +198,14 @@ def robot_from_spec(spec: mujoco.MjSpec, source: str) -> Robot:
         model = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise InputError(
-            f"{source}: the model does not compile: {_one_line(error)}. {_MEND}"
+            f"{source}: the model does not compile: {one_line(error)}. {_MEND}"
         ) from None
     floating = [j for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE]
     if floating:
+        base = model.body(model.jnt_bodyid[floating[0]]).name
         raise InputError(
-            f"{source}: joint {model.joint(floating[0]).name!r} is free; logs of a floating base "
-            "are not supported yet. Hang the robot up for the recording and remove the free joint."
+            f"{source}: body {base!r} has a free joint; logs of a floating base are not supported "
+            "yet. Hang the robot up for the recording and remove the free joint."
         )
     joints = {
         model.joint(j).name: _joint(model, j)
@@ -215,7 +217,8 @@ def robot_from_spec(spec: mujoco.MjSpec, source: str) -> Robot:
     return Robot(source=source, spec=spec, model=model, joints=joints)
 
 
-def _is_callable(source: str) -> bool:
+def is_callable(source: str) -> bool:
+    """Whether a model is named by `package.module:callable`, not by a file."""
     head, separator, tail = source.rpartition(":")
     return bool(separator) and tail.isidentifier() and "/" not in head and "\\" not in head
 
@@ -229,7 +232,7 @@ def _spec_from_file(path: Path) -> mujoco.MjSpec:
         return mujoco.MjSpec.from_file(str(path))
     except (ValueError, RuntimeError) as error:
         raise InputError(
-            f"{path}: the model does not compile: {_one_line(error)}. {_MEND}"
+            f"{path}: the model does not compile: {one_line(error)}. {_MEND}"
         ) from None
 
 
@@ -239,17 +242,27 @@ def _spec_from_callable(source: str) -> mujoco.MjSpec:
     if folder not in sys.path:
         sys.path.insert(0, folder)
     try:
-        made = getattr(importlib.import_module(module_name), function_name)()
-    except ImportError as error:
+        module = importlib.import_module(module_name)
+    except Exception as error:  # a module can fail to import in any way
         raise InputError(
-            f"{source}: cannot import {module_name!r}: {_one_line(error)}. "
+            f"{source}: cannot import {module_name!r}: {one_line(error)}. "
             "Install it or run from its folder."
-        ) from None
-    except AttributeError as error:
+        ) from error
+    make = getattr(module, function_name, None)
+    if not callable(make):
         raise InputError(
-            f"{source}: {_one_line(error)}. Name a function of {module_name!r}."
-        ) from None
-    return _spec_of(made, source)
+            f"{source}: {module_name!r} has no function {function_name!r}"
+            f"{closest(function_name, vars(module))}. Name one that returns the walker."
+        )
+    try:
+        return _spec_of(make(), source)
+    except InputError:
+        raise
+    except Exception as error:  # it is the user's function
+        raise InputError(
+            f"{source}: it raised {type(error).__name__}: {one_line(error)}. "
+            "Mend it until it returns the walker without arguments."
+        ) from error
 
 
 def _spec_of(made: Any, source: str) -> mujoco.MjSpec:
@@ -276,13 +289,3 @@ def _joint(model: mujoco.MjModel, joint: int) -> Joint:
         drives=drives_of_joint(model, joint),
         slide=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
     )
-
-
-def _closest(name: str, valid: Iterable[str]) -> str:
-    names = list(valid)
-    close = difflib.get_close_matches(name, names, n=3)
-    return f"did you mean {', '.join(map(repr, close))}?" if close else f"it has {', '.join(names)}"
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split()).rstrip(".")

@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 _WINDOW = 0.05  # s; short against a leg's motion, long against the encoder's steps
 _ORDER = 3
 _FEWEST_SAMPLES = 7
+_ROUNDING = 1e-6  # of a step
 
 
 class MeasuredState:
@@ -33,7 +34,8 @@ class MeasuredState:
     def __init__(self, recording: Recording, joints: Sequence[str]):
         time = recording.time
         step = float(np.median(np.diff(time)))
-        self._grid = time[0] + step * np.arange(int(np.floor((time[-1] - time[0]) / step)) + 1)
+        steps = int(np.floor((time[-1] - time[0]) / step + _ROUNDING))
+        self._grid = time[0] + step * np.arange(steps + 1)
         samples = max(_FEWEST_SAMPLES, round(_WINDOW / step))
         samples = min(samples | 1, (len(self._grid) - 1) | 1)  # odd, and no longer than the log
         order = min(_ORDER, samples - 1)

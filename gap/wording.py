@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from walkerkit.gap.diagnosis import Diagnosis, Estimate, Gap, GapSize, Location, NamedEffect
+from walkerkit.gap.locate import EVERYWHERE as EVERY_REGIME
 from walkerkit.gap.quantity import estimate_text, percent, quantity, span
 
 EVERYWHERE = "*"
@@ -75,8 +76,9 @@ def step(named: NamedEffect) -> str:
 
 
 def spot(at: Location) -> str:
-    """A joint and a regime: `calf (velocity reversal)`."""
-    return f"{site(at.joint)} ({words(at.regime)})"
+    """A joint and a regime: `calf (velocity reversal)`, or `calf` where no regime stands out."""
+    regime = "" if at.regime == EVERY_REGIME else f" ({words(at.regime)})"
+    return f"{site(at.joint)}{regime}"
 
 
 def estimate(of: Estimate) -> tuple[str, str, str]:
@@ -101,9 +103,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     """What was found, where, how sure, and how much the gap shrank."""
     signal, size = telling(diagnosis.gap)
     error = f"the {words(signal)} error"
-    noise = (
-        f"the noise of the measurement alone would leave {quantity(size.noise_floor, size.unit)}"
-    )
+    noise = _floors(diagnosis.gap, signal, size)
     before, after = span((size.before, size.after), size.unit)
     if diagnosis.verdict == "no_gap":
         return (
@@ -111,18 +111,18 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"and {noise}."
         )
     if diagnosis.verdict == "unexplained" or not diagnosis.effects:
-        where = _largest(diagnosis.locations)
+        where = spot(diagnosis.locations[0]) if diagnosis.locations else ""
         return (
             f"No effect of the catalogue explains the gap: {error} is "
             f"{quantity(size.before, size.unit)}, where {noise}"
-            f"{f'. It is largest at {where}' if where else ''}."
+            f"{f'. It stands out most at {where}' if where else ''}."
         )
     complete = diagnosis.verdict == "explained"
-    left = "" if complete else _largest(diagnosis.remaining)
+    left = "" if complete or not diagnosis.remaining else spot(diagnosis.remaining[0])
     return (
         f"{'The gap' if complete else 'Part of the gap'} is explained by "
         f"{_found(diagnosis.effects)}: {error} shrinks from {before} to {after}, where {noise}"
-        f"{f'. What remains is largest at {left}' if left else ''}."
+        f"{f'. What remains stands out most at {left}' if left else ''}."
     )
 
 
@@ -209,5 +209,9 @@ def _found(effects: Sequence[NamedEffect]) -> str:
     return listed(found)
 
 
-def _largest(locations: Sequence[Location]) -> str:
-    return spot(max(locations, key=lambda at: at.share)) if locations else ""
+def _floors(gap: Gap, signal: str, size: GapSize) -> str:
+    floor = quantity(size.noise_floor, size.unit)
+    noise = f"the noise of the measurement alone would leave {floor}"
+    if signal != "position" or gap.numerical_floor <= size.noise_floor:
+        return noise
+    return f"{noise} and the timestep of the simulation {quantity(gap.numerical_floor, size.unit)}"

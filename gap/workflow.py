@@ -12,6 +12,7 @@ Each step can be used alone: `load_experiments`, `load_robot`, `split`, `build`,
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.checks import check_recordings, check_window, lopsided, source
 from walkerkit.gap.commands import Hold, driven_by_effort
 from walkerkit.gap.diagnosis import Diagnosis
 from walkerkit.gap.effects import CATALOGUE, Effect
@@ -196,15 +198,19 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         if robot.path is not None:
             robot = with_sidecar(robot, robot.path)
         for recording in experiment.recordings:
-            robot.check_joints(recording.joints, str(recording.source or recording.name))
+            robot.check_joints(recording.joints, source(recording))
         robots.append(robot)
+    recordings = [r for experiment in experiments for r in experiment.recordings]
+    check_recordings(recordings)
     windowed = any(
         driven_by_effort(robot, recording)
         for robot, experiment in zip(robots, experiments, strict=True)
         for recording in experiment.recordings
     )
+    if windowed:
+        check_window(window, recordings)
     fitted, held_out = split(experiments)
-    return Setup(
+    setup = Setup(
         robots=tuple(robots),
         fitted=fitted,
         held_out=held_out,
@@ -212,6 +218,15 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         n_threads=n_threads,
         experiments=tuple(experiments),
     )
+    column = lopsided(itertools.chain(*fitted), itertools.chain(*held_out))
+    if column is None:
+        return setup
+    if not setup.may_split_in_time:
+        raise InputError(
+            f"column {column!r} is in the recordings that are held out or in those that are "
+            "fitted, but not in both. Hold out others, or none, so that each half has it."
+        )
+    return setup.split_in_time()
 
 
 def _effects(names: Sequence[str] | None) -> list[Effect]:

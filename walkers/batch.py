@@ -121,14 +121,16 @@ class LockStep:
         n_steps = ctrl.shape[1]
         shapes = {name: getattr(self._batch._data, name).shape for name in record}
         out = {name: np.empty((self.n_sims, n_steps, *shapes[name])) for name in record}
-        warned = self._batch.warning[:, _DIVERGED, 1].copy()
+        # MuJoCo resets a simulation that diverges, and its counts of warnings with it, so that only
+        # counts from zero tell a failure.
+        self._batch.warning[...] = 0
         failed = np.zeros(self.n_sims, dtype=bool)
         try:
             with _without_warnings():
                 self._batch.rollout(n_steps, control, spec, record, out=out)
         except SimulationError as error:
             failed[error.ids] = True
-        failed |= (self._batch.warning[:, _DIVERGED, 1] > warned).any(axis=1)
+        failed |= (self._batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
         for values in out.values():
             values[failed] = np.nan
         return Rollout(records=out, failed=failed)

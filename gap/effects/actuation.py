@@ -81,6 +81,7 @@ class VelocityGain(JointEffect):
         drive, excursion = self._drive(robot, site), robot.excursion(site)
         kd = drive.damping if drive else 0.0
         size = max(0.1 * kd, 0.02 * excursion.effort / excursion.velocity)
+        less = (-min(3 * size, 0.5 * kd),) if kd > 0 else ()
         return (
             Parameter(
                 name="kd",
@@ -88,7 +89,7 @@ class VelocityGain(JointEffect):
                 lower=-kd,
                 upper=200 * size,
                 scale=size,
-                starts=(-min(3 * size, 0.5 * kd), size, 5 * size),
+                starts=(*less, size, 5 * size),
             ),
         )
 
@@ -201,7 +202,9 @@ class EffortLimit(JointEffect):
         peak = robot.excursion(site).effort
         known = self._known(robot, site)
         zero = min(known, 4 * peak)
-        starts = tuple(f * min(peak, zero) for f in (0.9, 0.75, 0.6, 0.45, 0.3))
+        # The peak leaves out single samples, in which a step of the targets shows a limit.
+        starts = tuple(f * peak for f in (2.4, 1.7, 1.2) if f * peak < zero)
+        starts += tuple(f * min(peak, zero) for f in (0.9, 0.75, 0.6, 0.45, 0.3))
         return (
             Parameter(
                 name="limit",

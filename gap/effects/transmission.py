@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
 from walkerkit.gap.robot import Robot
 from walkerkit.gap.trials import Trials
@@ -54,7 +52,7 @@ class ParallelSpring(JointEffect):
         stiffness = trials.field("jnt_stiffness")[:, joint.id]
         rest = trials.field("qpos_spring")[:, joint.qpos]
         k, q0 = values[:, 0], values[:, 1]
+        acts = k > 0
         total = stiffness + k
-        acts = total > 0
         rest[acts] = ((stiffness * rest + k * q0)[acts]) / total[acts]
-        stiffness += np.where(acts, k, 0.0)
+        stiffness += k

@@ -21,15 +21,13 @@ from walkerkit.gap.diagnosis import (
 
 LegDiagnosis = Callable[..., Diagnosis]
 
+# Regime to the part of a joint's gap and of its samples; what does not stand out is left out.
 _REGIMES = {
-    "velocity_reversal": 0.6,
-    "low_speed": 0.2,
-    "high_speed": 0.03,
-    "high_effort": 0.18,
-    "acceleration": 0.31,
-    "pose": 0.05,
-    "direction": 0.004,
-    "load": 0.09,
+    "velocity_reversal": (0.6, 0.18),
+    "high_acceleration": (0.31, 0.14),
+    "high_effort": (0.18, 0.12),
+    "backward": (0.55, 0.46),
+    "everywhere": (1.0, 1.0),
 }
 _CANDIDATES = (
     ("coulomb_friction", 0.83, "named"),
@@ -177,11 +175,14 @@ def confused() -> Diagnosis:
 
 def _locations(**parts: tuple[str, float]) -> tuple[Location, ...]:
     found = [
-        Location(joint=joint, regime=regime, share=share * part, lift=share * 5 + part)
+        Location(joint=joint, regime=regime, share=share * part, lift=share * part / (samples / 3))
         for joint, share in parts.values()
-        for regime, part in _REGIMES.items()
+        for regime, (part, samples) in _REGIMES.items()
     ]
-    return tuple(sorted(found, key=lambda at: -at.share))
+    whole = [at for at in found if at.regime == "everywhere"]
+    standing_out = [at for at in found if at.regime != "everywhere" and at.lift > 1.15]
+    standing_out.sort(key=lambda at: -at.share * (at.lift - 1))
+    return (*standing_out, *sorted(whole, key=lambda at: -at.share))
 
 
 def _trace(recording: str, joint: str, error: float, samples: int) -> Trace:

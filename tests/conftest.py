@@ -1,0 +1,28 @@
+"""What all tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+# Before anything imports dm_control, which would look for a display.
+os.environ.setdefault("MUJOCO_GL", "disable")
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The checkout."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def real_logs() -> Path:
+    """The public logs of real hardware; skips where they are absent."""
+    path = Path(os.environ.get("WALKERKIT_DATA", ROOT.parent / "shared" / "data"))
+    if not path.is_dir():
+        pytest.skip(f"{path} is missing: set WALKERKIT_DATA to the public logs")
+    return path

@@ -1,0 +1,77 @@
+"""The examples on the public logs of real hardware: what is named, and how far the gap shrinks."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from walkerkit import gap
+
+
+def _example(repository: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(repository / "examples"))
+    spec = importlib.util.spec_from_file_location(name, repository / "examples" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _joint_rms(result: gap.Result, joint: str) -> float:
+    return float(result.diagnosis.gap.joints[joint].after)
+
+
+@pytest.mark.usefixtures("real_logs")
+class TestRealLogs:
+    def test_double_pendulum(
+        self, repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        result = _example(repository, "double_pendulum", monkeypatch).main(tmp_path)
+        named = {effect.effect: effect for effect in result.diagnosis.effects}
+        assert set(named["coulomb_friction"].joints) == {"shoulder", "elbow"}
+        assert result.diagnosis.gap.horizon == 0.5
+        assert _joint_rms(result, "shoulder") <= 0.035
+        assert _joint_rms(result, "elbow") <= 0.060
+        # The makers' own fit, as frictionloss.
+        for estimate, published in zip(
+            named["coulomb_friction"].parameters, (0.251, 0.188), strict=True
+        ):
+            assert estimate.value == pytest.approx(published, rel=0.2)
+
+    def test_emps(self, repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        example = _example(repository, "emps", monkeypatch)
+        result = example.main(tmp_path)
+        named = {effect.effect: effect for effect in result.diagnosis.effects}
+        assert {"viscous_friction", "coulomb_friction"} <= set(named)
+        before, after = example.relative_effort_error(result)
+        assert before == pytest.approx(0.66, abs=0.02)
+        assert after <= 0.11
+        # Janot, Gautier and Brunot (2019).
+        assert named["viscous_friction"].parameters[0].value == pytest.approx(203.5, rel=0.1)
+        assert named["coulomb_friction"].parameters[0].value == pytest.approx(20.39, rel=0.1)
+
+    def test_xl330(
+        self,
+        repository: Path,
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str],
+    ) -> None:
+        result = _example(repository, "xl330", monkeypatch).main(tmp_path)
+        size = result.diagnosis.gap.position
+        assert size.before == pytest.approx(0.162, abs=0.002)
+        assert size.after <= 0.125
+        models = sorted(path.name for path in tmp_path.glob("model*.xml"))
+        assert models == [f"model_kp{gain}.xml" for gain in (100, 200, 400, 800)]
+        again = gap.compare(tmp_path / "experiments.toml")
+        assert again.gap.position.before == pytest.approx(size.after, rel=1e-3)
+        written = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
+        assert written["gap"]["after"] == pytest.approx(size.after, rel=1e-5)
+        assert np.isfinite(written["gap"]["noise_floor"])
+        assert capsys.readouterr().out == ""

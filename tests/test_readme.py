@@ -1,0 +1,46 @@
+"""Every code block of the README runs, in its order, in one folder."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+_BLOCK = re.compile(r"^```(bash|python|toml|xml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def _blocks(readme: Path) -> list[tuple[str, str]]:
+    return _BLOCK.findall(readme.read_text(encoding="utf-8"))
+
+
+def _runnable(language: str, code: str) -> bool:
+    """`make` itself is what runs this test; other languages are shown, not run."""
+    return language in ("bash", "python") and not code.startswith(("git clone", "make "))
+
+
+def test_every_block_runs(repository: Path, tmp_path: Path) -> None:
+    blocks = [block for block in _blocks(repository / "README.md") if _runnable(*block)]
+    assert len(blocks) >= 4
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    # What `make demo` leaves behind is what the README goes on with.
+    commands = [("bash", "walkerkit demo"), *blocks]
+    for language, code in commands:
+        command = ["bash", "-euo", "pipefail", "-c", code]
+        if language == "python":
+            command = [sys.executable, "-W", "error", "-c", code]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            pytest.fail(f"{code}\nended with {done.returncode}\n{done.stdout}\n{done.stderr}")
+
+
+def test_names_every_effect_of_the_catalogue(repository: Path) -> None:
+    from walkerkit.gap.effects import CATALOGUE
+
+    text = (repository / "README.md").read_text(encoding="utf-8")
+    assert [name for name in CATALOGUE if f"`{name}`" not in text] == []
