@@ -46,7 +46,8 @@ def routes(robot: Robot, recording: Recording) -> tuple[Route, ...]:
     Raises:
         InputError: a joint's actuator lacks its target, or a target has no actuator to go to.
     """
-    robot.check_joints(recording.joints, recording.name)
+    source = str(recording.source or recording.name)
+    robot.check_joints(recording.joints, source)
     found: list[Route] = []
     for name in recording.joints:
         joint = robot.joints[name]
@@ -60,13 +61,13 @@ def routes(robot: Robot, recording: Recording) -> tuple[Route, ...]:
         if joint.drives and not taken:
             wanted = " or ".join(f"`{name}/{drive.kind}_target`" for drive in joint.drives)
             raise InputError(
-                f"{recording.name}: joint {name!r} has a {joint.drives[0].kind} actuator in "
+                f"{source}: joint {name!r} has a {joint.drives[0].kind} actuator in "
                 f"{robot.source}, but the recording has no {wanted}. Log that target, or give the "
                 "joint the actuator that its drive really has."
             )
         if not joint.drives and targets and "effort" not in targets:
             raise InputError(
-                f"{recording.name}: column `{name}/{targets[0]}_target` has no actuator in "
+                f"{source}: column `{name}/{targets[0]}_target` has no actuator in "
                 f"{robot.source}. Add a <{targets[0]}> actuator to joint {name!r}."
             )
     return tuple(found)

@@ -40,20 +40,19 @@ def excursions(
         acceleration = np.concatenate([np.gradient(s.qvel[0], s.step) for s in states])
         position = np.concatenate([r.columns[f"{joint}/position"] for r in logs])
         inertia = float(robot.model.dof_M0[robot.joints[joint].dof])
-        efforts = [_peak(inertia * acceleration)]
+        measured = [_peak(e) for r in logs if (e := r.signal(joint, "effort")) is not None]
+        # Without a measured effort: what was commanded, or what the model's servo would make.
+        guessed = [_peak(inertia * acceleration)]
         for recording, state in zip(logs, states, strict=True):
-            efforts += [
-                _peak(column)
-                for signal in ("effort", "effort_target")
-                if (column := recording.signal(joint, signal)) is not None
-            ]
-            efforts += _nominal(robot, recording, state, joint)
+            commanded = recording.signal(joint, "effort_target")
+            guessed += [] if commanded is None else [_peak(commanded)]
+            guessed += _nominal(robot, recording, state, joint)
         found[joint] = Excursion(
             lower=float(position.min()),
             upper=float(position.min()) + max(float(np.ptp(position)), _SMALLEST),
             velocity=_peak(velocity),
             acceleration=_peak(acceleration),
-            effort=max(efforts),
+            effort=max(measured or guessed),
         )
     return found
 

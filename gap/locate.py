@@ -54,7 +54,7 @@ def locate(
             )
             error = np.nan_to_num(residual[:, column])
             total_square += float(error @ error)
-            total_samples += len(error)
+            total_samples += int(np.isfinite(replay.measured[:, column]).sum())
             for name, mask in _regimes(replay, joint).items():
                 key = joint, name
                 squares[key] = squares.get(key, 0.0) + float(error[mask] @ error[mask])

@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 
 _SAMPLES, _ORDER = 9, 3
 _STRETCH = 50  # samples
+_RESOLUTION = 1e-7  # of single precision; a joint that never moves is not known any better
 _FEW_LEVELS = 0.5  # a signal with fewer distinct values than this part of its samples is quantised
 
 
@@ -41,7 +42,8 @@ def estimate(signals: Sequence[FloatArray]) -> Noise:
         signals: (n_samples,) each, in the order of time.
 
     Returns:
-        The noise; its `std` is the larger of what was seen and what the quantum implies.
+        The noise; its `std` is the largest of what was seen, what the quantum implies and what
+        numbers of single precision resolve, so it is never 0.
     """
     quantum = _quantum(signals)
     residuals = [_residual(signal) for signal in signals if len(signal) > _SAMPLES]
@@ -52,13 +54,15 @@ def estimate(signals: Sequence[FloatArray]) -> Noise:
         seen = float(np.sqrt(np.median(means)))
     else:
         seen = float(np.sqrt(squares.mean())) if len(squares) else 0.0
-    return Noise(std=max(seen, quantum / np.sqrt(12)), quantum=quantum)
+    largest = max(1.0, *(float(np.abs(signal).max()) for signal in signals))
+    return Noise(std=max(seen, quantum / np.sqrt(12), _RESOLUTION * largest), quantum=quantum)
 
 
 def _residual(signal: FloatArray) -> FloatArray:
     """What the local cubic leaves of white noise of the same variance as the noise."""
     kept = 1 - savgol_coeffs(_SAMPLES, _ORDER)[_SAMPLES // 2]
-    return (signal - savgol_filter(signal, _SAMPLES, _ORDER)) / np.sqrt(kept)
+    left: FloatArray = (signal - savgol_filter(signal, _SAMPLES, _ORDER)) / np.sqrt(kept)
+    return left
 
 
 def _quantum(signals: Sequence[FloatArray]) -> float:

@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
 _FACTORS = ((0.0, 2.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
 _SWEEPS = 30
+_LEAST_FLOOR = 1e-9  # of logs without any noise
 _BLOCK = 0.5  # s; longer than the memory of a joint's error
 
 
@@ -61,11 +62,12 @@ class Objective:
     def __init__(self, replays: Sequence[Replay], scored: Sequence[Channel], floor: FloatArray):
         self.replays = tuple(replays)
         self.channels = tuple(scored)
-        self.floor = floor
+        self.floor = np.maximum(floor, _LEAST_FLOOR)
         self._columns = [replays[0].channels.index(channel) for channel in scored]
         self.measured = np.concatenate([r.measured[:, self._columns] for r in replays])
         self.numerical = np.zeros((0, *self.measured.shape))
-        self.count = np.isfinite(self.measured).sum(axis=0)
+        # A channel that only other recordings have counts, but nothing can change its score.
+        self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
         self.block = _blocks(replays)
 
     def refine(self, finer: Sequence[Objective], case: Case) -> None:
@@ -100,7 +102,7 @@ class Objective:
             stacks.append(predicted[:, :, self._columns])
         residual = np.concatenate(stacks, axis=1) - self.measured
         residual[:, missing] = 0.0
-        failed = [np.isnan(s).all(axis=2).any(axis=1) for s in stacks]
+        failed = np.stack([np.any(np.all(np.isnan(s), axis=2), axis=1) for s in stacks])
         residual[np.any(failed, axis=0)] = np.nan
         self._take_out_numerical_error(residual)
         return np.split(residual, np.cumsum(sizes)[:-1])
@@ -141,7 +143,8 @@ class Objective:
 
     def mean_square(self, residual: FloatArray) -> FloatArray:
         """(..., rows, n_scored) residuals → (..., n_scored) mean squares."""
-        return np.einsum("...rc,...rc->...c", residual, residual) / self.count
+        squares: FloatArray = np.einsum("...rc,...rc->...c", residual, residual) / self.count
+        return squares
 
     def score(self, mean_square: FloatArray) -> FloatArray:
         """(..., n_scored) mean squares → (...) scores; infinity for a trial that diverged."""
@@ -150,7 +153,8 @@ class Objective:
 
     def weights(self, mean_square: FloatArray) -> FloatArray:
         """(n_scored,) factors that make ½ Σ w r² change as the score does near these gaps."""
-        return 1 / (self.count * (mean_square + self.floor**2)) / len(self.channels)
+        size: FloatArray = self.count * (mean_square + self.floor**2) * len(self.channels)
+        return 1 / size
 
     def block_squares(self, residual: FloatArray) -> FloatArray:
         """(rows, n_scored) residuals → (n_blocks, n_scored) sums of squares."""

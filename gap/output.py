@@ -8,8 +8,10 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.mend import write_model
+from walkerkit.gap.recording import Recording
 from walkerkit.gap.report import write_report
 from walkerkit.gap.result import Result
 from walkerkit.gap.robot import Robot
@@ -82,7 +84,9 @@ def _write(result: Result, folder: Path) -> None:
     if len(names) > 1:
         _write_text(folder / MANIFEST, _manifest(result, names))
     _copy_next_experiment(result, folder)
-    write_report(result.diagnosis, folder / REPORT, title=result.robots[0].stem)
+    write_report(
+        result.diagnosis, folder / REPORT, title=result.robots[0].stem, catalogue=CATALOGUE
+    )
     _write_text(folder / DIAGNOSIS, result.diagnosis.to_json())
 
 
@@ -111,12 +115,19 @@ def _manifest(result: Result, names: Sequence[str]) -> str:
     for name, fitted, held in groups:
         parts.append("[[experiment]]")
         parts.append(f"model = {json.dumps(name)}")
-        for key, recordings in (("recordings", fitted), ("held_out", held)):
-            if recordings:
-                paths = [str(Path(r.source).resolve()) for r in recordings if r.source]
-                parts.append(f"{key} = {json.dumps(paths, ensure_ascii=False)}")
+        listed = _files(fitted)
+        # Blocks of one recording in both halves: whoever reads this cuts it in the same way.
+        others = [file for file in _files(held) if file not in listed]
+        for key, files in (("recordings", listed), ("held_out", others)):
+            if files:
+                parts.append(f"{key} = {json.dumps(files, ensure_ascii=False)}")
         parts.append("")
     return "\n".join(parts)
+
+
+def _files(recordings: Sequence[Recording]) -> list[str]:
+    """The files that recordings, or parts of them, come from; each once."""
+    return list(dict.fromkeys(str(Path(r.source).resolve()) for r in recordings if r.source))
 
 
 def _copy_next_experiment(result: Result, folder: Path) -> None:

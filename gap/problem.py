@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 REFINEMENT = 4  # how many times finer the timestep is that shows the numerical error
 _SCORED = ("position", "effort")  # velocity comes from the same encoder and adds its filter's lag
-_RACE_STEPS = 25_000
+_RACE_STEPS, _RACE_WINDOW = 25_000, 4.0  # s
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
 
@@ -120,7 +120,9 @@ def build(
         for robot, fit, held in zip(robots, fitted, held_out, strict=True)
     ]
 
-    def half(recordings: Sequence[Sequence[Recording]], every: int = 1) -> Half:
+    def half(
+        recordings: Sequence[Sequence[Recording]], length: float | None = window, every: int = 1
+    ) -> Half:
         present = [(robot, r) for robot, r in zip(sized, recordings, strict=True) if r]
 
         def objective(factor: int, other_integrator: bool) -> Objective:
@@ -129,7 +131,7 @@ def build(
                     robot
                     if factor == 1
                     else robot.refined(factor, other_integrator=other_integrator),
-                    cut(mine, window)[::every],
+                    cut(mine, length)[::every],
                     channels if factor == 1 else scored,
                     hold=hold,
                     n_threads=n_threads,
@@ -146,12 +148,12 @@ def build(
 
     fit = half(fitted)
     # Windows are alike, so that every second or third tells as much of a candidate.
-    every = 1 if window is None else fit.objective.steps // _RACE_STEPS + 1
+    every = fit.objective.steps // _RACE_STEPS + 1
     return Problem(
         robots=tuple(sized),
         joints=joints,
         fit=fit,
-        race=fit if every == 1 else half(fitted, every),
+        race=fit if every == 1 else half(fitted, window or _RACE_WINDOW, every),
         held=half(held_out),
         noise=floor,
         hold=hold,

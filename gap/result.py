@@ -270,7 +270,7 @@ def _effects(
                 if last
                 else _gap_with(problem, one.fit),
                 indistinguishable_from=tuple(
-                    candidate.term.effect.name for candidate in one.candidates if candidate.close
+                    rival.structure.terms[-1].effect.name for rival in _rivals(one, final)
                 ),
             )
         )
@@ -322,13 +322,24 @@ def _locate(problem: Problem, halves: Sequence[_Replayed]) -> tuple:  # type: ig
     return locate(replays, residuals, problem.joints)
 
 
+def _rivals(one: Round, final: Fit) -> list[Fit]:
+    """Fits that explained as well as the one that a round named, and were not named after it."""
+    present = {term.effect.name for term in final.structure.terms}
+    return [
+        candidate.fit
+        for candidate in one.candidates
+        if candidate.close and candidate.term.effect.name not in present
+    ]
+
+
 def _next_experiment(
     problem: Problem, rounds: Sequence[Round]
 ) -> tuple[NextExperiment, Recording] | None:
     """For the first effect that has rivals, what would part them."""
+    kept = {term.effect.name for term in rounds[-1].fit.structure.terms}
     for one in rounds:
         rivals = [candidate.fit for candidate in one.candidates if candidate.close]
-        if one.named is not None and rivals:
+        if one.named is not None and one.named.effect.name in kept and rivals:
             return next_experiment(problem, [one.fit, *rivals[:_MOST_RIVALS]])
     return None
 

@@ -70,7 +70,7 @@ class Excursion:
         lower, upper: positions [rad, or m].
         velocity: peak speed [rad/s].
         acceleration: peak acceleration [rad/s²].
-        effort: peak effort, measured or simulated, whichever is larger [N·m].
+        effort: peak effort, as measured, else as commanded or as the servo would make it [N·m].
     """
 
     lower: float = -1.0

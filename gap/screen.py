@@ -42,6 +42,8 @@ def screen(objective: Objective, base: Fit, terms: Sequence[Term]) -> list[Fit]:
         for place in term.places:
             columns = case.structure.columns(term, place)
             moved = np.flatnonzero((case.values[:, columns] != together[columns]).any(axis=1))
+            if not len(moved):  # bounds that leave no room
+                continue
             k = moved[np.argmin(scores[moved])]
             # A place that none of the magnitudes improves starts at its smallest, where the fit
             # still has a gradient.

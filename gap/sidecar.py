@@ -71,7 +71,8 @@ def _entry(robot: Robot) -> dict[str, Any]:
     return {
         "hold": robot.hold,
         "command": {
-            name: {d.kind: {"slope": d.slope, "offset": d.offset} for d in joint.drives}
+            # Targets go to the first drive of their kind.
+            name: {d.kind: {"slope": d.slope, "offset": d.offset} for d in reversed(joint.drives)}
             for name, joint in robot.joints.items()
             if joint.drives
         },

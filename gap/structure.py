@@ -7,7 +7,7 @@ trials = structure.trials(robot, values)      # values (n, n_parameters)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,22 +72,9 @@ class Structure:
         )
 
     def _parameters(self, term: Term, site: str) -> tuple[Parameter, ...]:
-        """Parameters with the tightest bounds of all robots, sized on the first."""
+        """Parameters that suit all robots."""
         per_robot = [term.effect.parameters(robot, site) for robot in self.robots]
-        return tuple(
-            Parameter(
-                name=same[0].name,
-                unit=same[0].unit,
-                zero=same[0].zero,
-                lower=max(p.lower for p in same),
-                upper=min(p.upper for p in same),
-                scale=same[0].scale,
-                starts=same[0].starts,
-            )
-            if len(same) > 1
-            else same[0]
-            for same in zip(*per_robot, strict=True)
-        )
+        return tuple(_common(same) for same in zip(*per_robot, strict=True))
 
     @cached_property
     def zero(self) -> FloatArray:
@@ -136,8 +123,30 @@ class Structure:
         for term in self.terms:
             for site in term.sites:
                 columns = self.columns(term, EVERYWHERE if term.shared else site)
-                term.effect.apply(trials, site, values[:, columns])
+                given = values[:, columns]
+                # Robots differ in what leaves them unchanged, such as the limits they have.
+                own = [parameter.zero for parameter in term.effect.parameters(robot, site)]
+                term.effect.apply(trials, site, np.where(given == self.zero[columns], own, given))
         return trials
+
+
+def _common(same: Sequence[Parameter]) -> Parameter:
+    """One parameter of several robots: the tightest bounds of all, sized on the first."""
+    first = same[0]
+    lower, upper = max(p.lower for p in same), min(p.upper for p in same)
+    if not lower < upper:  # robots that moved far apart
+        return first
+
+    def inside(value: float) -> float:
+        return min(max(value, lower), upper)
+
+    return replace(
+        first,
+        zero=inside(first.zero),
+        lower=lower,
+        upper=upper,
+        starts=tuple(inside(start) for start in first.starts),
+    )
 
 
 def carried(values: FloatArray, source: Structure, target: Structure) -> FloatArray:

@@ -271,5 +271,5 @@ def _flexible_score(problem: Problem) -> float:
     effects = [CATALOGUE[name] for name in _FLEXIBLE if name in CATALOGUE]
     terms = candidate_terms(effects, problem.robots, problem.joints)
     structure = Structure(terms, problem.robots)
-    start = evaluate(problem.fit.objective, [(structure, structure.zero)])
-    return float(weigh(problem, fit(problem.fit.objective, start)).both[0])
+    start = evaluate(problem.race.objective, [(structure, structure.zero)])
+    return float(weigh(problem, fit(problem.race.objective, start)).both[0])

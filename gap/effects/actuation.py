@@ -204,7 +204,7 @@ class EffortLimit(JointEffect):
         zero = min(known, 4 * peak)
         # The peak leaves out single samples, in which a step of the targets shows a limit.
         starts = tuple(f * peak for f in (2.4, 1.7, 1.2) if f * peak < zero)
-        starts += tuple(f * min(peak, zero) for f in (0.9, 0.75, 0.6, 0.45, 0.3))
+        starts += tuple(f * min(peak, zero) for f in (1.0, 0.85, 0.7, 0.5, 0.3))
         return (
             Parameter(
                 name="limit",

@@ -10,6 +10,8 @@ from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
 from walkerkit.gap.robot import Robot
 from walkerkit.gap.trials import Trials
 
+_MOST = 0.35  # rad; nobody overlooks twenty degrees
+
 
 class BaseTilt(Effect):
     """The base is not mounted level, so that gravity points elsewhere in its frame."""
@@ -31,8 +33,8 @@ class BaseTilt(Effect):
             Parameter(
                 name=name,
                 unit="rad",
-                lower=-0.6,
-                upper=0.6,
+                lower=-_MOST,
+                upper=_MOST,
                 scale=0.03,
                 starts=tuple(0.06 * np.asarray(signs, dtype=float)),
             )

@@ -376,10 +376,11 @@ class TestEffortLimit(EffectContract):
     may_be_out_of_reach = True
 
     def plant(self, machine):
-        knee = machine.model.joint("knee").id
-        machine.model.jnt_actfrclimited[knee] = 1
-        machine.model.jnt_actfrcrange[knee] = (-3.4, 3.4)
-        return {"knee": [3.4]}
+        # A joint's own actuatorfrcrange is the same limit, but other code integrates its damping.
+        hip = machine.model.actuator("h").id
+        machine.model.actuator_forcelimited[hip] = 1
+        machine.model.actuator_forcerange[hip] = (-5.3, 5.3)
+        return {"hip": [5.3]}
 
 
 class TestCommandDelay(EffectContract):
