@@ -32,7 +32,7 @@ _VERDICT_STYLES = {
 def render(diagnosis: Diagnosis) -> RenderableType:
     """The diagnosis as something that `rich` prints."""
     verdict = Text.assemble(
-        (f"{wording.TITLES[diagnosis.verdict]}. ", _VERDICT_STYLES[diagnosis.verdict]),
+        (f"{wording.title(diagnosis)}. ", _VERDICT_STYLES[diagnosis.verdict]),
         wording.verdict_sentence(diagnosis),
     )
     parts: list[RenderableType] = [verdict]

@@ -194,6 +194,7 @@ class Diagnosis:
         notes: what a reader should know before trusting the numbers.
         traces: measured and simulated signals.
         seconds: wall time.
+        searched: whether effects were looked for, or the gap was only measured.
     """
 
     verdict: Verdict
@@ -207,6 +208,7 @@ class Diagnosis:
     notes: tuple[str, ...]
     traces: tuple[Trace, ...] = field(repr=False)
     seconds: float
+    searched: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json, schema 1."""

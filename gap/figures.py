@@ -132,7 +132,7 @@ def heat_map(
         zeroline=False,
         fixedrange=True,
     )
-    return _specification(figure, height=120 + 34 * len(joints), above=8, below=8)
+    return _specification(figure, height=190 + 34 * len(joints), above=8, below=110)
 
 
 def comparison(mended: bool) -> Specification:

@@ -1,8 +1,10 @@
 """The measurement's own noise, from the signals themselves.
 
-A local cubic is fitted around every sample (Savitzky and Golay, Analytical Chemistry 36, 1964);
-what it leaves is noise, corrected for what the fit itself absorbs. Impacts and reversals leave
-more, so the typical stretch decides. A quantised signal cannot be better than its step / √12.
+Local polynomials are fitted around every sample (Savitzky and Golay, Analytical Chemistry 36,
+1964); what they leave is noise, corrected for what the fit itself absorbs. Motion that is fast for
+the sampling leaves more with a cubic than with a quintic, so the smaller decides; impacts and
+reversals leave more than the rest, so the typical stretch does. A quantised signal cannot be better
+than its step / √12.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 FloatArray = NDArray[np.float64]
 
-_SAMPLES, _ORDER = 9, 3
+_SAMPLES, _ORDERS = 9, (3, 5)
 _STRETCH = 50  # samples
 _RESOLUTION = 1e-7  # of single precision; a joint that never moves is not known any better
 _FEW_LEVELS = 0.5  # a signal with fewer distinct values than this part of its samples is quantised
@@ -46,22 +48,27 @@ def estimate(signals: Sequence[FloatArray]) -> Noise:
         numbers of single precision resolve, so it is never 0.
     """
     quantum = _quantum(signals)
-    residuals = [_residual(signal) for signal in signals if len(signal) > _SAMPLES]
-    squares = np.concatenate(residuals) ** 2 if residuals else np.zeros(0)
+    long_enough = [signal for signal in signals if len(signal) > _SAMPLES]
+    seen = min((_typical(long_enough, order) for order in _ORDERS), default=0.0)
+    return Noise(std=max(seen, quantum / np.sqrt(12)), quantum=quantum)
+
+
+def _typical(signals: Sequence[FloatArray], order: int) -> float:
+    """Noise of the typical stretch, where local polynomials of an order follow the motion."""
+    if not signals:
+        return 0.0
+    squares = np.concatenate([_residual(signal, order) for signal in signals]) ** 2
     stretches = len(squares) // _STRETCH
-    if stretches:
-        means = squares[: stretches * _STRETCH].reshape(stretches, _STRETCH).mean(axis=1)
-        seen = float(np.sqrt(np.median(means)))
-    else:
-        seen = float(np.sqrt(squares.mean())) if len(squares) else 0.0
-    largest = max(1.0, *(float(np.abs(signal).max()) for signal in signals))
-    return Noise(std=max(seen, quantum / np.sqrt(12), _RESOLUTION * largest), quantum=quantum)
+    if not stretches:
+        return float(np.sqrt(squares.mean()))
+    means = squares[: stretches * _STRETCH].reshape(stretches, _STRETCH).mean(axis=1)
+    return float(np.sqrt(np.median(means)))
 
 
-def _residual(signal: FloatArray) -> FloatArray:
-    """What the local cubic leaves of white noise of the same variance as the noise."""
-    kept = 1 - savgol_coeffs(_SAMPLES, _ORDER)[_SAMPLES // 2]
-    left: FloatArray = (signal - savgol_filter(signal, _SAMPLES, _ORDER)) / np.sqrt(kept)
+def _residual(signal: FloatArray, order: int) -> FloatArray:
+    """What the local polynomials leave, scaled to the noise's variance where that is white."""
+    kept = 1 - savgol_coeffs(_SAMPLES, order)[_SAMPLES // 2]
+    left: FloatArray = (signal - savgol_filter(signal, _SAMPLES, order)) / np.sqrt(kept)
     return left
 
 

@@ -11,14 +11,18 @@ _UNSURE = 0.9
 
 
 def notes(
-    problem: Problem, gap: Gap, effects: Sequence[NamedEffect], verdict: Verdict
+    problem: Problem, gap: Gap, effects: Sequence[NamedEffect], verdict: Verdict, *, searched: bool
 ) -> tuple[str, ...]:
     """The notes of a diagnosis, most important first."""
-    return tuple(_notes(problem, gap, effects, verdict))
+    return tuple(_notes(problem, gap, effects, verdict, searched))
 
 
 def _notes(
-    problem: Problem, gap: Gap, effects: Sequence[NamedEffect], verdict: Verdict
+    problem: Problem,
+    gap: Gap,
+    effects: Sequence[NamedEffect],
+    verdict: Verdict,
+    searched: bool,
 ) -> Iterator[str]:
     for named in effects:
         yield from _of_effect(named)
@@ -26,6 +30,8 @@ def _notes(
         yield (
             "Nothing in the catalogue makes the held-out gap smaller by more than chance. The "
             "locations show the regime that a missing effect would have to act in."
+            if searched
+            else "`walkerkit diagnose` with the same arguments looks for the missing effect."
         )
     if verdict == "partly_explained":
         yield (

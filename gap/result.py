@@ -107,7 +107,12 @@ class _Replayed:
 
 
 def summarise(
-    problem: Problem, rounds: Sequence[Round], mended: Sequence[Robot], *, seconds: float
+    problem: Problem,
+    rounds: Sequence[Round],
+    mended: Sequence[Robot],
+    *,
+    seconds: float,
+    searched: bool = True,
 ) -> Result:
     """Puts a finished search into words and numbers.
 
@@ -116,6 +121,7 @@ def summarise(
         rounds: the search.
         mended: the robots with everything that was named.
         seconds: wall time so far.
+        searched: whether effects were looked for.
 
     Returns:
         The result.
@@ -152,9 +158,10 @@ def summarise(
         ),
         next_experiment=following[0] if following else None,
         recordings=tuple(recording.name for recording in everything),
-        notes=notes(problem, gap, effects, verdict),
+        notes=notes(problem, gap, effects, verdict, searched=searched),
         traces=_traces(problem, before, after),
         seconds=seconds,
+        searched=searched,
     )
     return Result(
         diagnosis=diagnosis,

@@ -99,6 +99,13 @@ def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
     return tuple(meaning for warning, meaning in WARNINGS.items() if warning in shown)
 
 
+def title(diagnosis: Diagnosis) -> str:
+    """The verdict in a word or two."""
+    if not diagnosis.searched and diagnosis.verdict != "no_gap":
+        return "Gap"
+    return TITLES[diagnosis.verdict]
+
+
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """What was found, where, how sure, and how much the gap shrank."""
     signal, size = telling(diagnosis.gap)
@@ -112,8 +119,13 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "unexplained" or not diagnosis.effects:
         where = spot(diagnosis.locations[0]) if diagnosis.locations else ""
+        subject = (
+            "No effect of the catalogue explains the gap"
+            if diagnosis.searched
+            else "Simulation and measurement disagree"
+        )
         return (
-            f"No effect of the catalogue explains the gap: {error} is "
+            f"{subject}: {error} is "
             f"{quantity(size.before, size.unit)}, where {noise}"
             f"{f'. It stands out most at {where}' if where else ''}."
         )
