@@ -32,6 +32,7 @@ SetJoint = Callable[[Any, Any, float], None]  # joint element, value, unit of it
 
 _LINEAR = 1  # interpolation of an actuator's delay
 _TOLERANCE = 1e-9
+_ASSETS = "assets"
 _DIGITS = 8  # more would show that colours are single precision
 
 
@@ -63,7 +64,7 @@ def mend(robot: Robot, structure: Structure, values: FloatArray) -> Robot:
         if not np.allclose(model_field(model, name), wanted[0], rtol=_TOLERANCE, atol=_TOLERANCE):
             raise RuntimeError(
                 f"{robot.source}: the model's settings keep `{name}` from being changed; "
-                "look for inertiafromgeom, settotalmass or balanceinertia in its compiler element"
+                "look for boundmass, boundinertia or balanceinertia in its compiler element"
             )
     return replace(
         robot,
@@ -86,13 +87,21 @@ def write_model(robot: Robot, path: Path, taken: dict[str, Path | str] | None = 
     """
     taken = {} if taken is None else taken
     spec = robot.spec.copy()
-    folders = {"meshes": spec.meshdir, "textures": spec.texturedir, "hfields": spec.meshdir}
-    for kind, folder in folders.items():
-        for element in getattr(spec, kind):
+    pictures, shapes = spec.textures, [*spec.meshes, *spec.hfields, *spec.skins]
+    folders = [(pictures, spec.texturedir), (shapes, spec.meshdir)]
+    for elements, folder in folders:
+        for element in elements:
             if element.file:
                 element.file = _copy_asset(robot, element.file, folder, path.parent, taken)
+    for texture in pictures:
+        texture.cubefiles = [
+            file and _copy_asset(robot, file, spec.texturedir, path.parent, taken)
+            for file in texture.cubefiles
+        ]
     if taken:
-        spec.meshdir = spec.texturedir = "assets"
+        spec.meshdir = spec.texturedir = _ASSETS
+        # MuJoCo reads the files once more as it writes.
+        spec.modelfiledir = str(path.parent)
     with _more_digits():
         text = spec.to_xml()
     path.write_text(text, encoding="utf-8")
@@ -132,11 +141,11 @@ def _copy_asset(
         name = f"{Path(file).stem}_{number}{Path(file).suffix}"
     if name not in taken:
         taken[name] = source
-        (target / "assets").mkdir(exist_ok=True)
+        (target / _ASSETS).mkdir(exist_ok=True)
         if packed is not None:
-            (target / "assets" / name).write_bytes(spec.assets[packed])
+            (target / _ASSETS / name).write_bytes(spec.assets[packed])
         else:
-            shutil.copyfile(source, target / "assets" / name)
+            shutil.copyfile(source, target / _ASSETS / name)
     return name
 
 
@@ -209,8 +218,15 @@ def _actuator_writer(name: str) -> Writer:
 
 
 def _write_mass(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
-    model = robot.model
-    for body in np.flatnonzero(wanted != before):
+    model, compiler = robot.model, spec.compiler
+    bodies = np.flatnonzero(wanted != before)
+    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if compiler.inertiafromgeom == always or compiler.settotalmass > 0:
+        # These would undo the change, so all bodies say what they have come to.
+        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        compiler.settotalmass = -1
+        bodies = np.flatnonzero(before)
+    for body in bodies:
         element = _by_id(spec.bodies, int(body))
         element.explicitinertial = True
         element.fullinertia = np.full(6, np.nan)

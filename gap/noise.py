@@ -19,9 +19,11 @@ from scipy.signal import savgol_coeffs, savgol_filter
 FloatArray = NDArray[np.float64]
 
 _SAMPLES, _ORDERS = 9, (3, 5)
-_STRETCH = 50  # samples
+_STRETCH = 20  # samples; short, so that most lie between the steps of the targets
 _RESOLUTION = 1e-7  # of single precision; a joint that never moves is not known any better
-_FEW_LEVELS = 0.5  # a signal with fewer distinct values than this part of its samples is quantised
+_ROUNDING = 1e-6  # of the signal's range
+_FEWEST_STEPS = 2
+_OFF_GRID, _MOST = 0.1, 0.9  # of a step; of the steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +49,7 @@ def estimate(signals: Sequence[FloatArray]) -> Noise:
         The noise; its `std` is the largest of what was seen, what the quantum implies and what
         numbers of single precision resolve, so it is never 0.
     """
-    quantum = _quantum(signals)
+    quantum = min((q for q in map(_quantum, signals) if q > 0), default=0.0)
     long_enough = [signal for signal in signals if len(signal) > _SAMPLES]
     seen = min((_typical(long_enough, order) for order in _ORDERS), default=0.0)
     return Noise(std=max(seen, quantum / np.sqrt(12)), quantum=quantum)
@@ -72,12 +74,14 @@ def _residual(signal: FloatArray, order: int) -> FloatArray:
     return left
 
 
-def _quantum(signals: Sequence[FloatArray]) -> float:
-    values = np.unique(np.concatenate(signals))
-    total = sum(len(signal) for signal in signals)
-    if len(values) < 3 or len(values) > _FEW_LEVELS * total:
-        return 0.0
+def _quantum(signal: FloatArray) -> float:
+    """The step of which all differences between the signal's values are multiples, 0 for none."""
+    values = np.unique(signal)
     steps = np.diff(values)
     # Printed digits split a level into neighbours that differ by rounding alone.
-    steps = steps[steps > 1e-6 * (values[-1] - values[0])]
-    return float(np.min(steps)) if len(steps) else 0.0
+    steps = steps[steps > _ROUNDING * np.ptp(values)]
+    if len(steps) < _FEWEST_STEPS:
+        return 0.0
+    multiples = steps / steps.min()
+    on_grid = np.abs(multiples - np.round(multiples)) < _OFF_GRID
+    return float(steps.min()) if on_grid.mean() > _MOST else 0.0

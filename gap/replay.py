@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.drive import Drive
 from walkerkit.gap.commands import Hold, Route, between_samples, routes
 from walkerkit.gap.robot import Robot
 from walkerkit.gap.segments import Segment
@@ -66,7 +67,7 @@ class _Group:
         offsets = step * np.arange(-self.past, self.steps + self.past + 1)
         self.ctrl = np.tile(rest(robot.model).ctrl, (n, len(offsets), 1))
         self.applied = np.zeros((n, len(offsets), robot.model.nv))
-        self.joint_of_ctrl: dict[int, str] = {}
+        self.drives: dict[int, tuple[str, Drive]] = {}
         for s, segment in enumerate(segments):
             for route in self.routes[s]:
                 self._fill(s, segment, route, segment.start + offsets)
@@ -77,7 +78,7 @@ class _Group:
             self.applied[s, :, route.joint.dof] += values
         else:
             self.ctrl[s, :, route.drive.ctrl] = route.drive.control(values)
-            self.joint_of_ctrl[route.drive.ctrl] = route.joint.name
+            self.drives[route.drive.ctrl] = route.joint.name, route.drive
 
 
 class Replay:
@@ -162,9 +163,17 @@ class Replay:
         steps = group.steps + round(lead.max() / step)
 
         qpos, qvel = self._initial_state(group, delay - lead[:, None])
+        fields = dict(trials.fields)
         shift = np.tile(lead[:, None], model.nu)
-        for index, name in group.joint_of_ctrl.items():
+        for index, (name, drive) in group.drives.items():
             shift[:, index] += trials.command_delay[name]
+            later = trials.command_delay[name] != 0
+            if model.actuator_delay[drive.actuator] and later.any():
+                # As one delay: two interpolations between steps would smooth twice.
+                own = fields.get("actuator_delay", trials.own("actuator_delay")).copy()
+                shift[later, index] += own[later, drive.actuator]
+                own[later, drive.actuator] = 0
+                fields["actuator_delay"] = own
         remembered = group.memory
         ctrl = _delayed(group.ctrl, group.past - remembered, remembered + steps, shift / step)
         state = start_state(
@@ -179,7 +188,7 @@ class Replay:
         batch = LockStep(
             model,
             n * n_segments,
-            fields={k: np.repeat(v, n_segments, axis=0) for k, v in trials.fields.items()},
+            fields={k: np.repeat(v, n_segments, axis=0) for k, v in fields.items()},
             n_threads=self.n_threads,
         )
         applied = self._applied(group, trials, lead, steps)

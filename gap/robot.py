@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
+from xml.etree import ElementTree
 
 import mujoco
 
@@ -276,7 +277,19 @@ def _spec_of(made: Any, source: str) -> mujoco.MjSpec:
             f"{source}: returned a {type(made).__name__}. "
             "Return a walker, a PyMJCF element, an MjSpec or MJCF text."
         )
-    return mujoco.MjSpec.from_string(root.to_xml_string(), assets=root.get_assets())
+    return mujoco.MjSpec.from_string(_plain_names(root.to_xml_string()), assets=root.get_assets())
+
+
+def _plain_names(text: str) -> str:
+    """PyMJCF's text without the names that it makes up and refuses to read again."""
+    root = ElementTree.fromstring(text)
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            if value == "/":
+                element.set(key, "pymjcf")
+            elif value.startswith("//unnamed_"):
+                element.set(key, value.removeprefix("//"))
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _joint(model: mujoco.MjModel, joint: int) -> Joint:

@@ -62,9 +62,9 @@ def split_in_time(experiments: Sequence[Experiment]) -> tuple[Recordings, Record
 def _blocks(recording: Recording) -> list[tuple[Recording, bool]]:
     """Blocks of a recording, and whether each is held out."""
     count = int(min(_BLOCKS, max(_EVERY, recording.duration // _SHORTEST_BLOCK)))
-    start, end = float(recording.time[0]), float(recording.time[-1])
-    edges = np.linspace(start, end, count + 1)
-    edges[-1] = np.nextafter(end, np.inf)
+    # Of as many samples each, so that a gap in the log leaves no block empty.
+    first = np.linspace(0, len(recording.time), count, endpoint=False).astype(int)
+    edges = np.append(recording.time[first], np.nextafter(recording.time[-1], np.inf))
     return [
         (recording.between(float(low), float(high)), number % _EVERY == _EVERY - 1)
         for number, (low, high) in enumerate(itertools.pairwise(edges))

@@ -51,8 +51,12 @@ class Trials:
     def field(self, name: str) -> NDArray[Any]:
         """The (n, *shape) values of a model field, or of an `opt.` field, to write to."""
         if name not in self.fields:
-            self.fields[name] = np.repeat(model_field(self.robot.model, name)[None], self.n, axis=0)
+            self.fields[name] = self.own(name)
         return self.fields[name]
+
+    def own(self, name: str) -> NDArray[Any]:
+        """The (n, *shape) values that the model itself has."""
+        return np.repeat(model_field(self.robot.model, name)[None], self.n, axis=0)
 
     def rows(self, rows: slice) -> Trials:
         """Some of the variants."""

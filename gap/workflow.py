@@ -50,7 +50,7 @@ _FLEXIBLE = (
     "velocity_gain",
     "torque_bias",
 )
-_HOLD_MARGIN = 0.02  # the score by which interpolated targets have to be better than held ones
+_HOLD_MARGIN = 0.1  # the score by which interpolated targets have to be better than held ones
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -83,5 +83,6 @@ class CoulombFriction(JointEffect):
         model, dof = trials.robot.model, trials.robot.joints[site].dof
         trials.field("dof_frictionloss")[:, dof] += values[:, 0]
         if model.dof_frictionloss[dof] == 0:
-            trials.field("dof_solref")[:, dof] = (2 * model.opt.timestep, 1.0)
-            trials.field("dof_solimp")[:, dof] = np.array(_IMPEDANCE)
+            new = values[:, 0] != 0
+            trials.field("dof_solref")[new, dof] = (2 * model.opt.timestep, 1.0)
+            trials.field("dof_solimp")[new, dof] = np.array(_IMPEDANCE)
