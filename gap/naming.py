@@ -29,13 +29,13 @@ _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explai
 _MARGIN = 0.04  # an effect makes gaps at least four per cent smaller, in the geometric mean
 _CHANCE = 0.05
 _OVER_NOISE = 0.5  # what an effect explains of some channel, over its noise
-_OVER_NUMERICAL = 0.25  # and over its numerical error, which is taken out to first order
+_OVER_NUMERICAL = 0.4  # and over what half the timestep changes, which is taken out already
 _CLOSE = 0.02  # scores this near are the same explanation
 _PLACE = 0.005  # a place whose loss costs less does not need the effect
 _REFITS = 4
-_PASSES = 3  # of fitting and finding the numerical error again
+_PASSES = 2  # of fitting and finding the numerical error again
 _SETTLED = 0.05  # of a parameter's scale
-_MOST_FINALISTS = 4
+_MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
 
 
@@ -65,12 +65,14 @@ class Round:
         named: the term that was added, or None where nothing was worth it.
         confidence: how often resampled recordings prefer it, ties shared.
         fit: everything named so far, fitted jointly.
+        evidence: what the recordings say of that fit, in the light of its own numerical error.
     """
 
     candidates: tuple[Candidate, ...]
     named: Term | None
     confidence: float
     fit: Fit
+    evidence: Evidence
 
 
 def name_effects(
@@ -86,26 +88,31 @@ def name_effects(
     Returns:
         The rounds; the last one's fit is the explanation. Never empty.
     """
-    current = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])[0]
+    nothing = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])[0]
+    state = _settled(problem, nothing)
     rounds: list[Round] = []
     while True:
-        step = _round(problem, effects, current, len(rounds) + 1, progress)
+        step = _round(problem, effects, *state, len(rounds) + 1, progress)
         rounds.append(step)
-        current = step.fit
         if step.named is None or len(rounds) == MOST_EFFECTS:
+            _refine(problem, step.fit)
             return tuple(rounds)
-        current = _without_the_needless(problem, current, rounds)
+        kept = _without_the_needless(problem, step.fit)
+        state = step.fit, step.evidence
+        if kept is not step.fit:
+            state = _settled(problem, kept)
+            rounds[-1] = replace(step, fit=state[0], evidence=state[1])
 
 
 def _round(
     problem: Problem,
     effects: Sequence[Effect],
     current: Fit,
+    base: Evidence,
     number: int,
     progress: Progress | None,
 ) -> Round:
-    current, base = _settled(problem, current)
-    nothing = Round(candidates=(), named=None, confidence=0.0, fit=current)
+    nothing = Round(candidates=(), named=None, confidence=0.0, fit=current, evidence=base)
     if (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * problem.noise).all():
         return nothing
     present = {term.effect.name for term in current.structure.terms}
@@ -133,9 +140,10 @@ def _round(
         return replace(nothing, candidates=_candidates(evidence, fits, order, set()))
     # A rival has to hold on recordings that it was not fitted to, as the winner does.
     winner, rivals = acceptable[0], acceptable[1:]
-    _settled(problem, fits[winner])
-    found = _places_needed(problem, fits[winner], terms[winner])
-    found, own = _settled(problem, found)
+    settled, own = _settled(problem, fits[winner])
+    found = _places_needed(problem, settled, terms[winner])
+    if found is not settled:
+        found, own = _settled(problem, found)
     contest = Evidence.joined([own, *(evidence.only(i + 1) for i in rivals)])
     close = {rivals[k - 1] for k in _close_to_first(contest)}
     return Round(
@@ -143,6 +151,7 @@ def _round(
         named=found.structure.terms[-1],
         confidence=_confidence(contest),
         fit=found,
+        evidence=own,
     )
 
 
@@ -150,14 +159,18 @@ def _settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
     """The fit in the light of its own numerical error, which `problem` has from then on."""
     for _ in range(_PASSES):
         before = current.values
-        for half in (problem.fit, problem.held):
-            half.refine(current)
+        _refine(problem, current)
         start = evaluate(problem.fit.objective, [(current.structure, before)])[0]
         current = fit(problem.fit.objective, [start], iterations=_REFITS)[0]
         moved = np.abs(current.values - before) / current.structure.scale
         if not (moved > _SETTLED).any():
             break
     return current, weigh(problem, [current])
+
+
+def _refine(problem: Problem, current: Fit) -> None:
+    for half in (problem.fit, problem.held):
+        half.refine(current)
 
 
 def _finalists(evidence: Evidence) -> list[int]:
@@ -257,13 +270,12 @@ def _refit(problem: Problem, source: Fit, structure: Structure) -> Fit:
     return fit(problem.fit.objective, [start], iterations=_REFITS)[0]
 
 
-def _without_the_needless(problem: Problem, current: Fit, rounds: list[Round]) -> Fit:
-    """Drops effects that those named after them have made superfluous."""
+def _without_the_needless(problem: Problem, current: Fit) -> Fit:
+    """The fit without effects that those named after them have made superfluous."""
     for term in current.structure.terms[:-1]:
         terms = tuple(other for other in current.structure.terms if other is not term)
         smaller = _refit(problem, current, Structure(terms, problem.robots))
         evidence = weigh(problem, [smaller, current])
         if not _worth_it(problem, evidence, 1):
             current = smaller
-            rounds[-1] = replace(rounds[-1], fit=current)
     return current

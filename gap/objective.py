@@ -21,7 +21,7 @@ from walkerkit.gap.trials import Trials
 FloatArray = NDArray[np.float64]
 
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
-_FACTORS = ((0.0, 2.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
+_FACTORS = ((0.0, 3.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
 _SWEEPS = 30
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _BLOCK = 0.5  # s; longer than the memory of a joint's error
@@ -50,8 +50,8 @@ class Objective:
 
     The simulation's own numerical error is a nuisance of every prediction. What a finer timestep
     changes, and what another integrator changes then, are added to it by the factors that suit the
-    measurement best (the first 0 for a log from a simulation with the same timestep, 4/3 for a
-    machine, which has none, if the finer timestep is a quarter). So no effect is named for an error
+    measurement best (the first 0 for a log from a simulation with the same timestep, 2 for a
+    machine, which has none, if the finer timestep is half). So no effect is named for an error
     that a finer step removes.
 
     Attributes:

@@ -21,7 +21,7 @@ from walkerkit.gap.structure import Structure
 
 FloatArray = NDArray[np.float64]
 
-REFINEMENT = 4  # how many times finer the timestep is that shows the numerical error
+REFINEMENT = 2  # how many times finer the timestep is that shows the numerical error
 _SCORED = ("position", "effort")  # velocity comes from the same encoder and adds its filter's lag
 _RACE_STEPS, _RACE_WINDOW = 25_000, 4.0  # s
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding

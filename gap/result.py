@@ -37,6 +37,7 @@ from walkerkit.gap.trials import Trials
 FloatArray = NDArray[np.float64]
 
 _AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
+_QUARTER = 4  # of the timestep, at which the numerical floor is taken
 _AT_BOUND = 1e-6  # of the width between the bounds
 _UNKNOWABLE = 1e-6  # of the score, per squared scale: the recordings say nothing of a parameter
 _MOST_RIVALS = 4
@@ -216,22 +217,33 @@ def _gap(problem: Problem, before: _Replayed, after: _Replayed) -> Gap:
     return Gap(
         position=size(positions),
         horizon=problem.window,
-        numerical_floor=_numerical_floor(problem),
+        numerical_floor=_numerical_floor(problem, after),
         held_out=True,
         joints={c.joint: size([c]) for c in positions},
         signals={name: size([c for c in channels if c.signal == name]) for name in signals},
     )
 
 
-def _numerical_floor(problem: Problem) -> float:
-    """Root-mean-square change of the held-out positions at a finer timestep."""
-    objective = problem.held.objective
-    if not len(objective.numerical):
-        return 0.0
-    squares = objective.mean_square(objective.numerical)[0]
-    of_position = [c.signal == "position" for c in objective.channels]
-    count = objective.count[of_position]
-    return float(np.sqrt(squares[of_position] @ count / count.sum()))
+def _numerical_floor(problem: Problem, after: _Replayed) -> float:
+    """Root-mean-square change of the held-out positions at a quarter of the timestep."""
+    finer = []
+    for replay in after.replays:
+        fine = Replay(
+            replay.robot.refined(_QUARTER),
+            replay.segments,
+            replay.channels,
+            hold=problem.hold,
+            n_threads=problem.n_threads,
+        )
+        finer.append(fine.predict(Trials(fine.robot, 1))[0])
+    squares, count = 0.0, 0
+    for replay, coarse, fine in zip(after.replays, after.predicted, finer, strict=True):
+        columns = [c for c, channel in enumerate(replay.channels) if channel.signal == "position"]
+        known = np.isfinite(replay.measured[:, columns])
+        change = np.where(known, fine[:, columns] - coarse[:, columns], 0.0)
+        squares += float(np.square(change).sum())
+        count += int(known.sum())
+    return float(np.sqrt(squares / count))
 
 
 def _unit(problem: Problem, channels: Sequence[Channel]) -> str:
@@ -343,9 +355,10 @@ def _next_experiment(
     problem: Problem, rounds: Sequence[Round]
 ) -> tuple[NextExperiment, Recording] | None:
     """For the first effect that has rivals, what would part them."""
-    kept = {term.effect.name for term in rounds[-1].fit.structure.terms}
+    final = rounds[-1].fit
+    kept = {term.effect.name for term in final.structure.terms}
     for one in rounds:
-        rivals = [candidate.fit for candidate in one.candidates if candidate.close]
+        rivals = _rivals(one, final)
         if one.named is not None and one.named.effect.name in kept and rivals:
             return next_experiment(problem, [one.fit, *rivals[:_MOST_RIVALS]])
     return None

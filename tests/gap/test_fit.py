@@ -369,6 +369,38 @@ class TestFit:
             expected = -0.08 if bound is None else bound
             assert found.values[0] == pytest.approx(expected, abs=2e-3 * tried.scale[0])
 
+    def test_never_leaves_its_bounds_not_even_to_perturb(self, problem):
+        robot, _, one = problem
+        tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
+        lower, upper = tried.bounds
+        seen = []
+
+        class Watched(Objective):
+            def residuals(self, cases):
+                seen.extend(row for case in cases for row in case.values)
+                return super().residuals(cases)
+
+        watched = Watched(one.replays, one.channels, one.floor)
+        (found,) = fit(watched, evaluate(watched, [(tried, upper)]))
+        assert len(seen) > 10
+        assert all(((lower <= row) & (row <= upper)).all() for row in seen)
+        assert (found.values < upper).any()
+
+    def test_at_a_bound_the_rest_is_as_good_as_it_can_be(self):
+        robot = pendulum()
+        # The machine is livelier than the model without any damping, which is the least it has.
+        recording = run(robot, dof_damping=-0.1, dof_armature=0.02)
+        robot = sized(robot, recording)
+        one = objective(robot, [recording])
+        both = structure([robot], viscous_friction=["hip"], armature=["hip"])
+        (found,) = fit(one, evaluate(one, [(both, np.array([0.1, 0.0]))]), iterations=20)
+        assert found.values[0] == pytest.approx(-0.1, abs=1e-9)
+        grid = found.values[1] + np.linspace(-2e-3, 2e-3, 81)
+        (squares,) = one.mean_squares(
+            [Case(structure=both, values=np.stack([np.full(81, -0.1), grid], axis=1))]
+        )
+        assert found.score <= one.score(squares).min() + 1e-4
+
     def test_a_start_that_diverges_is_handed_back_untouched(self, problem):
         robot, _, one = problem
         tried = structure([robot], velocity_gain=["hip"])
@@ -450,7 +482,7 @@ class TestScreen:
     def test_starts_at_the_magnitude_that_explains_most(self):
         robot = pendulum(knee=True)
         channels = tuple(Channel(joint=j, signal="position") for j in ("hip", "knee"))
-        recording = run(robot, dof_damping=[0.1, 0.2])
+        recording = run(robot, dof_damping=[0.9, 0.2])
         robot = sized(robot, recording)
         replay = Replay(robot, whole(recording), channels)
         one = Objective([replay], channels, np.full(2, 1e-4))
@@ -463,6 +495,10 @@ class TestScreen:
         tried = viscous.structure
         grid = [[h, k] for h in (0, *size["hip"].starts) for k in (0, *size["knee"].starts)]
         scores = [found.score for found in evaluate(one, [(tried, np.array(v)) for v in grid])]
+        # 0.8 and 0.2 are planted.
+        np.testing.assert_array_equal(
+            viscous.values, [size["hip"].starts[1], size["knee"].starts[1]]
+        )
         # Place by place is as good as the full grid here, or nearly.
         assert viscous.score <= min(scores) + 0.1
         assert viscous.score < base.score

@@ -324,11 +324,13 @@ class TestNativeDelays:
         )
         np.testing.assert_allclose(got, expected, **NEAR)
 
+    @pytest.mark.parametrize("late", [0, 20], ids=["prompt", "delayed"])
     @pytest.mark.parametrize("dyntype", ["filter", "filterexact"])
-    def test_filters_have_seen_the_recorded_past(self, dyntype):
+    def test_filters_have_seen_the_recorded_past(self, dyntype, late):
         drive = (
             f'<general joint="hip" biastype="affine" gainprm="60" biasprm="0 -60 -2" '
-            f'dyntype="{dyntype}" dynprm="0.03"/>'
+            f'dyntype="{dyntype}" dynprm="0.03" ctrllimited="true" ctrlrange="-0.3 3" '
+            f'delay="{late * STEP}" nsample="{late}"/>'
         )
         robot, recording = arm(drive + SERVO.format("knee", 25, 1, "")), log(irregular())
         segment = windows(recording, 0.5)[1]
@@ -337,11 +339,11 @@ class TestNativeDelays:
         # The filter by hand, from the recording's beginning.
         part = STEP / 0.03 if dyntype == "filter" else -np.expm1(-STEP / 0.03)
         before = round((within[0] - recording.time[0]) / STEP)
-        smooth = held(recording, "hip/position_target", within[0] - before * STEP)[0]
-        filtered = {}
-        for k in range(-before, 400):
+        instants = within[0] + STEP * np.arange(-before - late, 400 - late)
+        limited = np.maximum(held(recording, "hip/position_target", instants), -0.3)
+        smooth, filtered = limited[0], {}
+        for k, now in zip(range(-before, 400), limited, strict=True):
             filtered[k] = smooth
-            now = held(recording, "hip/position_target", within[0] + k * STEP)[0]
             smooth += part * (now - smooth)
         expected = by_hand(
             arm().model,
@@ -632,9 +634,11 @@ class TestSegments:
         assert whole(recording)[0].duration == pytest.approx(0.19)
 
     def test_gaps_in_the_log_make_no_windows(self):
-        time = np.r_[np.arange(0, 0.3, 0.01), np.arange(2.0, 2.3, 0.01)]
+        # Three samples of the second window are left, too few to compare.
+        time = np.r_[np.arange(0, 0.13, 0.01), np.arange(2.0, 2.3, 0.01)]
         parts = windows(log(time), 0.1)
         assert all(part.last - part.first >= 4 for part in parts)
+        assert [part.start for part in parts] == pytest.approx([0, 2, 2.1], abs=0.011)
         assert all(part.duration <= 0.1 + 1e-9 for part in parts)
 
 

@@ -1,0 +1,28 @@
+"""Benchmarks: what the project claims, measured.
+
+    python -m benchmarks                 # all of them
+    python -m benchmarks --quick         # a small part of each
+    python -m benchmarks demo_seeds      # by name
+
+A benchmark is a module of this package with `run(*, quick: bool) -> list[Row]`. It prints a line
+for each thing it tries as it goes; its rows go into the table at the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One line of the table.
+
+    Attributes:
+        what: what was measured.
+        result: what came out, with its unit.
+        reference: what to hold it against, measured in the same run or known; may be empty.
+    """
+
+    what: str
+    result: str
+    reference: str = ""
