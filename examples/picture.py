@@ -45,7 +45,7 @@ def main(seed: int) -> None:
         error = 1e3 * (values - trace.measured)[shown]
         left.plot(time, error, color=color, linestyle=dash, linewidth=1.2, label=label)
     left.set(xlabel="time [s]", ylabel=f"{worst}: simulated − measured [mrad]")
-    left.legend(frameon=False, loc="upper right")
+    left.legend(frameon=False, loc="lower right")
     named = diagnosis.effects[0].effect if diagnosis.effects else "nothing named"
     left.set_title(f"held out: {trace.recording};  named: {named}", loc="left", fontsize=10)
 
@@ -56,7 +56,7 @@ def main(seed: int) -> None:
     floor = 1e3 * np.hypot(gap.position.noise_floor, gap.numerical_floor)
     right.axhline(floor, color=GREY, linestyle=":", label="noise and timestep")
     right.set(ylabel="position gap, RMS [mrad]")
-    right.legend(frameon=False)
+    right.legend(frameon=False, loc="upper right")
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
     PICTURE.parent.mkdir(exist_ok=True)

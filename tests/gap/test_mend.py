@@ -67,6 +67,11 @@ MODELS = {
   <position name="k" joint="knee" kp="20" kv="1" delay="0.008" nsample="2"/></actuator>
 </mujoco>""",
 }
+MODELS["on a rail"] = (
+    MODELS["degrees"]
+    .replace('range="-70 80" ref="11"', 'type="slide" range="-0.7 0.8" ref="0.1" stiffness="3"')
+    .replace("<actuator>", '<actuator><pid joint="hip" kp="0" input="pos vel ff"/>')
+)
 JOINTS = ("hip", "knee")
 CHANNELS = tuple(
     Channel(joint=joint, signal=signal)
@@ -141,8 +146,9 @@ class TestModels:
         mended = mend(robot, structure, values)
         np.testing.assert_allclose(replayed(mended), expected, **NEAR)
         path = saved(mended, tmp_path)
-        for again in (loaded(path), composed(path)):
-            np.testing.assert_allclose(replayed(again), expected, **NEAR)
+        np.testing.assert_allclose(replayed(loaded(path)), expected, **NEAR)
+        if "pid" not in MODELS[model]:  # which PyMJCF does not know
+            np.testing.assert_allclose(replayed(composed(path)), expected, **NEAR)
 
     def test_the_given_robot_is_left_alone(self, model):
         robot = robot_of(MODELS[model])
