@@ -15,7 +15,7 @@ demo: $(INSTALLED)
 	$(BIN)/walkerkit demo $(ARGS)
 
 test: lint
-	$(BIN)/pytest $(ARGS)
+	$(BIN)/pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder tests/test_examples.py tests $(ARGS)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

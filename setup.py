@@ -1,4 +1,4 @@
-"""Maps the top-level folders onto the import name `walkerkit`; the metadata is in pyproject.toml."""
+"""Maps the top-level folders onto the import name `walkerkit`; metadata is in pyproject.toml."""
 
 from setuptools import find_packages, setup
 

@@ -9,7 +9,8 @@ from walkerkit.actuators.drive import drives_of_joint
 ARM = """
 <mujoco><compiler angle="radian"/><option gravity="0 0 0"/><worldbody>
   <body><joint name="other" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.2"/>
-    <body pos="0 0 -0.3"><joint name="j" type="{type}" axis="0 1 0"/><geom size="0.1"/></body></body>
+    <body pos="0 0 -0.3"><joint name="j" type="{type}" axis="0 1 0"/><geom size="0.1"/></body>
+  </body>
 </worldbody>
 <tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>
 <actuator>{actuators}</actuator></mujoco>

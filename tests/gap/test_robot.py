@@ -74,8 +74,8 @@ class TestJoints:
         robot.check_joints(["arm", "cart"], "log.csv")
         with pytest.raises(
             InputError,
-            match=r"^log\.csv: joint 'kart' is not in the model cart\.xml \(did you mean 'cart'.*\?\)\. "
-            r"Rename the columns `kart/…` or the joint\.$",
+            match=r"^log\.csv: joint 'kart' is not in the model cart\.xml "
+            r"\(did you mean 'cart'.*\?\)\. Rename the columns `kart/…` or the joint\.$",
         ):
             robot.check_joints(["arm", "kart"], "log.csv")
         with pytest.raises(InputError, match="which has 'cart', 'arm'"):
