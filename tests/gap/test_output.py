@@ -341,7 +341,7 @@ def test_a_folder_may_be_written_over_the_model_that_it_mends(servo: Path, tmp_p
     same_gap(workflow.compare(out / "model.xml", files, n_threads=1).gap, second.diagnosis.gap)
 
 
-@pytest.mark.parametrize("effect", ["position_gain", "torque_bias", "torque_constant"])
+@pytest.mark.parametrize("effect", ["position_gain", "torque_constant"])
 def test_scaled_actuators_are_mended_in_their_own_units(
     servo: Path, tmp_path: Path, effect: str
 ) -> None:

@@ -84,9 +84,9 @@ def test_a_seed_gives_the_same_rehearsal_and_another_seed_another(arm: Path) -> 
 
 
 def test_by_default_one_effect_is_drawn(arm: Path) -> None:
-    drawn = [rehearse(arm, seed=seed, seconds=1.0).hidden for seed in range(6)]
+    drawn = [rehearse(arm, seed=seed, seconds=1.0).hidden for seed in range(4)]
     assert {len(hidden) for hidden in drawn} == {1}
-    assert len({hidden[0].effect for hidden in drawn} & set(HIDEABLE)) > 3
+    assert len({hidden[0].effect for hidden in drawn} & set(HIDEABLE)) > 2
 
 
 def test_what_is_hidden_shows_in_the_recordings(arm: Path) -> None:
@@ -146,10 +146,9 @@ def test_the_demonstration_finds_what_it_hid() -> None:
     assert told[0] == "recording the leg"
 
 
-@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.usefixtures("short")
-def test_the_demonstration_raises_no_false_alarm(seed: int) -> None:
-    result, rehearsal = demo.run(seed=seed, hide=["none"], n_threads=1)
+def test_the_demonstration_raises_no_false_alarm() -> None:
+    result, rehearsal = demo.run(seed=0, hide=["none"], n_threads=1)
     assert rehearsal.hidden == ()
     assert result.diagnosis.effects == ()
     assert result.diagnosis.verdict == "no_gap"

@@ -206,10 +206,12 @@ def test_hardware_at_another_timestep_has_no_gap(
 
 @pytest.mark.parametrize(
     ("timestep", "noise"),
-    [(0.002, 1e-4), (0.002, 1e-6), (0.002, 0.0), (0.001, 1e-4), (0.0005, 1e-6)],
+    [(0.002, 1e-4), (0.002, 1e-6), (0.002, 0.0), (0.001, 1e-4), (0.0005, 1e-4)],
 )
 def test_the_model_itself_has_no_gap(timestep: float, noise: float, servo: Path) -> None:
-    found = diagnose(servo, stepped(timestep, noise))
+    # Without noise there is no floor to stop at, and every effect would be tried.
+    few = None if noise else ["viscous_friction", "armature", "command_delay"]
+    found = diagnose(servo, stepped(timestep, noise), effects=few)
     nothing_named(found)
     if timestep == 0.002:
         assert found.gap.position.before <= max(1.5 * noise, 1e-6)
@@ -323,18 +325,19 @@ def alike(found: Diagnosis, *effects: str) -> NamedEffect:
     return named
 
 
-@pytest.mark.parametrize("effect", ["command_delay", "sensor_delay"])
-def test_delays_are_alike_in_position(
-    servo: Path, logs: Callable[..., list[Recording]], effect: str
-) -> None:
-    recordings = logs(hide(effect, delay=0.01))
-    found = diagnose(servo, seen(recordings, *Q_ONLY))
+def test_delays_are_alike_in_position(servo: Path, logs: Callable[..., list[Recording]]) -> None:
+    of_command, of_sensor = (
+        seen(logs(hide(effect, delay=0.01)), *Q_ONLY)
+        for effect in ("command_delay", "sensor_delay")
+    )
+    for one, other in zip(of_command, of_sensor, strict=True):
+        shift = np.abs(one.columns["knee/position"] - other.columns["knee/position"])
+        assert shift.max() < 1e-3  # the data are the same, so the answer must be
+    found = diagnose(servo, of_command)
     named = alike(found, "command_delay", "sensor_delay")
     assert values(named) == pytest.approx({"delay": 0.01}, rel=0.1)
-    assert found.next_experiment is None or set(found.next_experiment.between) == {
-        "command_delay",
-        "sensor_delay",
-    }
+    if found.next_experiment is not None:
+        assert set(found.next_experiment.between) == {"command_delay", "sensor_delay"}
     # The effort parts them: `test_a_hidden_effect_is_named_with_its_value`.
 
 
