@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -53,27 +53,32 @@ def check_window(window: float, recordings: Sequence[Recording]) -> None:
     """
     for recording in recordings:
         least = _FEWEST_IN_WINDOW / recording.rate
-        if window < least:
+        if window < least * (1 - 1e-6):
             raise InputError(
                 f"window is {window:g} s, less than {_FEWEST_IN_WINDOW} samples of "
                 f"{source(recording)} at {recording.rate:.4g} Hz; give at least {least:.2g} s."
             )
 
 
-def lopsided(fitted: Iterable[Recording], held_out: Iterable[Recording]) -> str | None:
+def tells(recording: Recording, joint: str, signal: str) -> bool:
+    """Whether a signal was measured. Drives that cannot report their effort log a constant."""
+    column = recording.signal(joint, signal)
+    return column is not None and (signal == "position" or bool(np.ptp(column) > 0))
+
+
+def lopsided(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> str | None:
     """A compared column that only one half of the recordings has, or None where both have all."""
-    halves = [
-        dict.fromkeys(
-            f"{joint}/{signal}"
-            for recording in half
-            for joint in recording.joints
-            for signal in _COMPARED
-            if recording.signal(joint, signal) is not None
-        )
-        for half in (fitted, held_out)
-    ]
-    both = halves[0] | halves[1]
-    return next((column for column in both if not all(column in half for half in halves)), None)
+    compared = dict.fromkeys(
+        f"{joint}/{signal}"
+        for recording in (*fitted, *held_out)
+        for joint in recording.joints
+        for signal in _COMPARED
+        if tells(recording, joint, signal)
+    )
+    for column in compared:
+        if not all(any(column in r.columns for r in half) for half in (fitted, held_out)):
+            return column
+    return None
 
 
 def source(recording: Recording) -> str:

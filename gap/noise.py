@@ -20,7 +20,6 @@ FloatArray = NDArray[np.float64]
 
 _SAMPLES, _ORDERS = 9, (3, 5)
 _STRETCH = 20  # samples; short, so that most lie between the steps of the targets
-_RESOLUTION = 1e-7  # of single precision; a joint that never moves is not known any better
 _ROUNDING = 1e-6  # of the signal's range
 _FEWEST_STEPS = 2
 _OFF_GRID, _MOST = 0.1, 0.9  # of a step; of the steps
@@ -46,8 +45,7 @@ def estimate(signals: Sequence[FloatArray]) -> Noise:
         signals: (n_samples,) each, in the order of time.
 
     Returns:
-        The noise; its `std` is the largest of what was seen, what the quantum implies and what
-        numbers of single precision resolve, so it is never 0.
+        The noise; its `std` is the larger of what was seen and what the quantum implies.
     """
     quantum = min((q for q in map(_quantum, signals) if q > 0), default=0.0)
     long_enough = [signal for signal in signals if len(signal) > _SAMPLES]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap import noise
+from walkerkit.gap.checks import tells
 from walkerkit.gap.commands import Hold
 from walkerkit.gap.excursion import excursions
 from walkerkit.gap.fit import Fit
@@ -24,6 +25,7 @@ FloatArray = NDArray[np.float64]
 REFINEMENT = 2  # how many times finer the timestep is that shows the numerical error
 _SCORED = ("position", "effort")  # velocity comes from the same encoder and adds its filter's lag
 _RACE_STEPS, _RACE_WINDOW = 25_000, 4.0  # s
+_RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
 
@@ -111,7 +113,7 @@ def build(
         Channel(joint=joint, signal=signal)
         for signal in ("position", "velocity", "effort")
         for joint in joints
-        if any(r.signal(joint, signal) is not None for r in everything)
+        if any(tells(r, joint, signal) for r in everything)
     )
     scored = tuple(channel for channel in channels if channel.signal in _SCORED)
     floor = np.array([channel_noise(everything, channel).std for channel in scored])
@@ -163,6 +165,9 @@ def build(
 
 
 def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.Noise:
-    """Noise of a channel over all recordings that have it."""
+    """Noise of a channel over all recordings that have it; never 0, even where nothing moves."""
     columns = [r.signal(channel.joint, channel.signal) for r in recordings]
-    return noise.estimate([column for column in columns if column is not None])
+    present = [column for column in columns if column is not None]
+    found = noise.estimate(present)
+    largest = max([1.0, *(float(np.abs(column).max()) for column in present)])
+    return replace(found, std=max(found.std, _RESOLUTION * largest))

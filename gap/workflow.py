@@ -218,7 +218,7 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         n_threads=n_threads,
         experiments=tuple(experiments),
     )
-    column = lopsided(itertools.chain(*fitted), itertools.chain(*held_out))
+    column = lopsided([*itertools.chain(*fitted)], [*itertools.chain(*held_out)])
     if column is None:
         return setup
     if not setup.may_split_in_time:

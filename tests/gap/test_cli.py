@@ -42,13 +42,6 @@ LEG = SERVO.replace(
         <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/>
       </body></body>""",
 ).replace("</actuator>", '<position joint="ankle" kp="20" kv="0.5"/></actuator>')
-ROOM = SERVO.replace(  # a second joint that the first does not feel
-    "</worldbody>",
-    """<body name="turret" pos="1 0 0">
-        <joint name="yaw" axis="0 0 1" armature="0.005" damping="0.1"/>
-        <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.6"/>
-      </body></worldbody>""",
-).replace("</actuator>", '<position joint="yaw" kp="30" kv="1"/></actuator>')
 RATE = 250.0
 
 

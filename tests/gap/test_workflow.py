@@ -180,6 +180,15 @@ def test_the_joint_that_has_it_is_named(tmp_path: Path) -> None:
     assert found.gap.joints["ankle"].before > found.gap.joints["knee"].before
 
 
+ROOM = SERVO.replace(  # a second joint that the first does not feel
+    "</worldbody>",
+    """<body name="turret" pos="1 0 0">
+        <joint name="yaw" axis="0 0 1" armature="0.005" damping="0.1"/>
+        <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.6"/>
+      </body></worldbody>""",
+).replace("</actuator>", '<position joint="yaw" kp="30" kv="1"/></actuator>')
+
+
 # Nothing is named where nothing is missing
 
 
@@ -253,13 +262,16 @@ def stepped(timestep: float, noise: float) -> list[Recording]:
 # What is not in the catalogue is not explained by what is
 
 
-def pendulum(seed: int, *, dead_zone: float = 0.0, push: float = 0.0) -> list[Recording]:
+def pendulum(
+    seed: int, *, dead_zone: float = 0.0, push: float = 0.0, bias: float = 0.0
+) -> list[Recording]:
     """The rig as a scalar equation of motion, eight steps a sample.
 
     Args:
         seed: of the noise and of the pushes.
         dead_zone: of the drive, rad: it does not see smaller errors.
         push: size of unrecorded pushes of 0.12 s, N·m.
+        bias: constant torque that the drive does not know of, N·m.
     """
     model = mujoco.MjModel.from_xml_string(SERVO)
     inertia, lever = float(model.dof_M0[0]), 0.6 * 9.81 * 0.125
@@ -280,7 +292,7 @@ def pendulum(seed: int, *, dead_zone: float = 0.0, push: float = 0.0) -> list[Re
                 servo = 30 * error - speed
                 if part == 0 and row >= 0:
                     position[row], effort[row] = q, servo
-                torque = servo - 0.1 * speed - lever * math.sin(q)
+                torque = servo + bias - 0.1 * speed - lever * math.sin(q)
                 torque += pushed[row] if row >= 0 else 0.0
                 speed += step * torque / inertia
                 q += step * speed
@@ -398,6 +410,45 @@ def test_only_the_effects_asked_for_are_considered(
     assert [named.effect for named in found.effects] == ["viscous_friction"]
     with pytest.raises(InputError, match="'stiction' is not in the catalogue"):
         diagnose(servo, recordings, effects=["stiction"])
+
+
+def test_an_effort_that_the_drive_does_not_report_is_not_compared(
+    servo: Path, logs: Callable[..., list[Recording]]
+) -> None:
+    without = seen(logs(hide("torque_bias", bias=0.3)), *Q_ONLY)
+    silent = [
+        Recording(
+            name=one.name,
+            time=one.time,
+            columns={**one.columns, "knee/effort": np.zeros(len(one.time))},
+        )
+        for one in without
+    ]
+    few = ["torque_bias", "effort_limit"]
+    found, expected = (diagnose(servo, some, effects=few) for some in (silent, without))
+    assert set(found.gap.signals) == {"position"}
+    assert (found.gap, found.effects) == (expected.gap, expected.effects)
+
+
+def test_a_joint_that_never_moves_does_not_hide_the_others(tmp_path: Path) -> None:
+    model = tmp_path / "room.xml"
+    model.write_text(ROOM)
+    recordings = [
+        Recording(
+            name=one.name,
+            time=one.time,
+            columns={
+                **one.columns,
+                "yaw/position": np.zeros(len(one.time)),
+                "yaw/position_target": np.zeros(len(one.time)),
+            },
+        )
+        for one in pendulum(1, bias=0.3)
+    ]
+    found = diagnose(model, recordings, effects=["torque_bias", "viscous_friction"])
+    (named,) = found.effects
+    assert (named.effect, named.joints) == ("torque_bias", ("knee",))
+    assert values(named) == pytest.approx({"bias": 0.3}, rel=0.1)
 
 
 def test_compare_measures_the_gap_that_diagnose_starts_from(

@@ -86,7 +86,7 @@ class TestWalker:
 
     def test_runs_the_plain_model_s_dynamics(self, environment, model):
         leg = environment.task.root_entity
-        environment.task.set_timesteps(control_timestep=0.002, physics_timestep=0.002)
+        environment.task.set_timesteps(control_timestep=0.001, physics_timestep=0.001)
         environment.reset()
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, 0)
