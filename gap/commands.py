@@ -95,6 +95,8 @@ def between_samples(recording: Recording, column: str, time: FloatArray, hold: H
     Returns:
         (n,) values.
     """
+    # A part starts in the middle of a motion: what was commanded before is on its way.
+    recording = recording.whole
     values = recording.columns[column]
     if hold == "linear":
         return np.interp(time, recording.time, values)

@@ -62,6 +62,7 @@ class Recording:
         source: the file that the rows come from.
         unused: the file's columns that nothing uses; they are not kept.
         notes: what a user should know about the data.
+        part_of: the recording that this was cut from; it knows the commands before.
 
     Raises:
         InputError: the data break the contract of this module.
@@ -73,6 +74,7 @@ class Recording:
     source: Path | None = None
     unused: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    part_of: Recording | None = None
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -168,7 +170,13 @@ class Recording:
             name=f"{self.name}[{start:g}:{stop:g}]",
             time=self.time[first:last],
             columns={name: values[first:last] for name, values in self.columns.items()},
+            part_of=self.whole,
         )
+
+    @property
+    def whole(self) -> Recording:
+        """The recording that this is a part of, or itself."""
+        return self.part_of or self
 
     @classmethod
     def load(cls, path: str | Path) -> Recording:

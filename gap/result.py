@@ -158,7 +158,7 @@ def summarise(
             for candidate in one.candidates
         ),
         next_experiment=following[0] if following else None,
-        recordings=tuple(recording.name for recording in everything),
+        recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
         notes=notes(problem, gap, effects, verdict, searched=searched),
         traces=_traces(problem, before, after),
         seconds=seconds,
