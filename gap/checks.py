@@ -1,18 +1,21 @@
-"""Whether recordings can be compared with a simulation at all, before any time is spent on it."""
+"""Whether recordings can be compared with a simulation, and in what, before any time is spent."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.manifest import Experiment
 from walkerkit.gap.recording import Recording
 
 _FEWEST_SAMPLES = 20  # of a recording
 _FEWEST_IN_WINDOW = 8
 _LONGEST_PAUSE = 0.5  # s
 _COMPARED = ("position", "effort")
+_PLACEHOLDERS = ("velocity", "effort")
 
 
 def check_recordings(recordings: Sequence[Recording]) -> None:
@@ -60,10 +63,32 @@ def check_window(window: float, recordings: Sequence[Recording]) -> None:
             )
 
 
-def tells(recording: Recording, joint: str, signal: str) -> bool:
-    """Whether a signal was measured. Drives that cannot report their effort log a constant."""
-    column = recording.signal(joint, signal)
-    return column is not None and (signal == "position" or bool(np.ptp(column) > 0))
+def without_placeholders(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
+    """The experiments without efforts and velocities that never change; those become `unused`.
+
+    Drives that cannot measure their effort log zeros, which no simulation should be held to.
+    """
+    recordings = [r for experiment in experiments for r in experiment.recordings]
+    columns = dict.fromkeys(
+        f"{joint}/{signal}" for r in recordings for joint in r.joints for signal in _PLACEHOLDERS
+    )
+    silent = {
+        column
+        for column in columns
+        if not any(np.ptp(r.columns[column]) for r in recordings if column in r.columns)
+    }
+    return tuple(
+        replace(experiment, recordings=tuple(_without(r, silent) for r in experiment.recordings))
+        for experiment in experiments
+    )
+
+
+def _without(recording: Recording, silent: set[str]) -> Recording:
+    dropped = tuple(column for column in recording.columns if column in silent)
+    if not dropped:
+        return recording
+    columns = {name: v for name, v in recording.columns.items() if name not in silent}
+    return replace(recording, columns=columns, unused=(*recording.unused, *dropped))
 
 
 def lopsided(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> str | None:
@@ -73,7 +98,7 @@ def lopsided(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> str 
         for recording in (*fitted, *held_out)
         for joint in recording.joints
         for signal in _COMPARED
-        if tells(recording, joint, signal)
+        if recording.signal(joint, signal) is not None
     )
     for column in compared:
         if not all(any(column in r.columns for r in half) for half in (fitted, held_out)):

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap import noise
-from walkerkit.gap.checks import tells
 from walkerkit.gap.commands import Hold
 from walkerkit.gap.excursion import excursions
 from walkerkit.gap.fit import Fit
@@ -113,7 +112,7 @@ def build(
         Channel(joint=joint, signal=signal)
         for signal in ("position", "velocity", "effort")
         for joint in joints
-        if any(tells(r, joint, signal) for r in everything)
+        if any(r.signal(joint, signal) is not None for r in everything)
     )
     scored = tuple(channel for channel in channels if channel.signal in _SCORED)
     floor = np.array([channel_noise(everything, channel).std for channel in scored])

@@ -21,7 +21,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.checks import check_recordings, check_window, lopsided, source
+from walkerkit.gap.checks import (
+    check_recordings,
+    check_window,
+    lopsided,
+    source,
+    without_placeholders,
+)
 from walkerkit.gap.commands import Hold, driven_by_effort
 from walkerkit.gap.diagnosis import Diagnosis
 from walkerkit.gap.effects import CATALOGUE, Effect
@@ -200,6 +206,7 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         for recording in experiment.recordings:
             robot.check_joints(recording.joints, source(recording))
         robots.append(robot)
+    experiments = without_placeholders(experiments)
     recordings = [r for experiment in experiments for r in experiment.recordings]
     check_recordings(recordings)
     windowed = any(
@@ -216,7 +223,7 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         held_out=held_out,
         window=window if windowed else None,
         n_threads=n_threads,
-        experiments=tuple(experiments),
+        experiments=experiments,
     )
     column = lopsided([*itertools.chain(*fitted)], [*itertools.chain(*held_out)])
     if column is None:

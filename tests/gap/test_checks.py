@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from walkerkit.gap.checks import check_recordings, check_window, lopsided, source, tells
+from walkerkit.gap.checks import (
+    check_recordings,
+    check_window,
+    lopsided,
+    source,
+    without_placeholders,
+)
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.manifest import Experiment
 from walkerkit.gap.recording import Recording
 
 
@@ -71,17 +78,26 @@ def test_a_column_of_one_half_is_found() -> None:
     assert lopsided([plain, hip], [plain]) == "hip/position"
     # A half in which the drive rests has its effort all the same.
     assert lopsided([effort], [log(knee__effort=0.0)]) is None
-    assert lopsided([plain], [log(knee__effort=0.0)]) is None
     # Velocity is not compared, and targets need not be there.
     assert lopsided([plain], [log(knee__velocity=1.0, knee__effort_target=1.0)]) is None
 
 
-def test_constant_signals_tell_nothing_but_of_positions() -> None:
-    still = log(knee__position=0.1, knee__effort=2.0, knee__velocity=np.arange(40))
-    assert tells(still, "knee", "position")
-    assert tells(still, "knee", "velocity")
-    assert not tells(still, "knee", "effort")
-    assert not tells(log(), "knee", "effort")
+def test_efforts_that_are_never_measured_are_dropped() -> None:
+    swing = np.arange(40)
+    one = log("one", knee__effort=0.0, knee__velocity=swing, hip__position=0.0, hip__effort=0.0)
+    other = log("other", knee__effort=0.0, knee__velocity=0.0)
+    moving = log("moving", hip__position=0.0, hip__effort=swing)
+    experiments = [
+        Experiment(model="a.xml", recordings=(one, other), held_out=frozenset({"other"})),
+        Experiment(model="b.xml", recordings=(moving,)),
+    ]
+    first, second = without_placeholders(experiments)
+    assert first.held_out == {"other"}
+    # Zero everywhere: the knee's effort. The hip's is measured in another recording.
+    assert set(one.columns) - set(first.recordings[0].columns) == {"knee/effort"}
+    assert first.recordings[0].unused == ("knee/effort",)
+    assert set(other.columns) - set(first.recordings[1].columns) == {"knee/effort"}
+    assert second.recordings[0] is moving
 
 
 def test_a_recording_is_known_by_its_file_or_its_name(tmp_path: Path) -> None:

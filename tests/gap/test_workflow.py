@@ -428,6 +428,8 @@ def test_an_effort_that_the_drive_does_not_report_is_not_compared(
     found, expected = (diagnose(servo, some, effects=few) for some in (silent, without))
     assert set(found.gap.signals) == {"position"}
     assert (found.gap, found.effects) == (expected.gap, expected.effects)
+    assert found.effects
+    assert any("Columns that nothing uses: knee/effort" in note for note in found.notes)
 
 
 def test_a_joint_that_never_moves_does_not_hide_the_others(tmp_path: Path) -> None:
