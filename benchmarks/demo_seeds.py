@@ -26,6 +26,7 @@ _ESTIMATES = {  # a hidden parameter to the one that the catalogue fits
     "forcerange": "limit",
     "offset": "ref",
 }
+_TURNED = ("base_tilt",)  # the base is turned on the hardware, gravity in the model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,6 +150,7 @@ def _error(named: NamedEffect, hidden: HiddenEffect) -> float:
             if of.place not in hidden.places and of.place != "*":
                 continue
             true = hidden.value(parameter.name, None if of.place == "*" else of.place)
+            true *= -1 if hidden.effect in _TURNED else 1
             errors.append(abs(of.value - true) / abs(true) if true else abs(of.value))
     return max(errors, default=float("nan"))
 
