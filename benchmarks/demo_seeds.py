@@ -1,7 +1,7 @@
 """The demonstration over many seeds: how often it names what was hidden, and how often in vain.
 
 Each seed is run with a drawn effect hidden and with nothing hidden. Simulated hardware shares no
-law with the workflow; see `walkerkit.gap.hardware`.
+law with the workflow; see `walkerkit.gap.rehearsal.hardware`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks import Row
-from walkerkit.gap import demo
-from walkerkit.gap.diagnosis import NamedEffect
-from walkerkit.gap.hidden import HIDEABLE, HiddenEffect
-from walkerkit.gap.result import Result
+from walkerkit.gap.rehearsal import demo
+from walkerkit.gap.rehearsal.hidden import HIDEABLE, HiddenEffect
+from walkerkit.gap.report.diagnosis import NamedEffect
+from walkerkit.gap.report.result import Result
 
 SEEDS, QUICK_SEEDS = 20, 3
 _ESTIMATES = {  # a hidden parameter to the one that the catalogue fits

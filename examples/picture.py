@@ -17,7 +17,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib import pyplot as plt
 
-from walkerkit.gap.demo import run
+from walkerkit.gap.rehearsal.demo import run
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "gap.svg"
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#555555"  # Okabe and Ito

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any
 from walkerkit.gap.errors import InputError
 
 if TYPE_CHECKING:
-    from walkerkit.gap.diagnosis import Diagnosis
-    from walkerkit.gap.recording import Recording
-    from walkerkit.gap.result import Result
+    from walkerkit.gap.recordings.recording import Recording
+    from walkerkit.gap.report.diagnosis import Diagnosis
+    from walkerkit.gap.report.result import Result
     from walkerkit.gap.workflow import compare, diagnose
 
 # Loaded on first use: MuJoCo and pandas take longer than a command line should to say --help.
 _HOMES = {
-    "Diagnosis": "diagnosis",
-    "Recording": "recording",
-    "Result": "result",
+    "Diagnosis": "report.diagnosis",
+    "Recording": "recordings.recording",
+    "Result": "report.result",
     "compare": "workflow",
     "diagnose": "workflow",
 }

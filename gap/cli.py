@@ -19,7 +19,7 @@ import typer
 from walkerkit.gap.errors import InputError
 
 if TYPE_CHECKING:
-    from walkerkit.gap.fit import Progress
+    from walkerkit.gap.search.fit import Progress
 
 # dm_control looks for a display when it is imported, unless it is told that none is wanted.
 os.environ.setdefault("MUJOCO_GL", "disable")
@@ -63,8 +63,8 @@ def demo(
     threads: Threads = 0,
 ) -> None:
     """Hide an effect in a simulated leg, record it, and find it again."""
-    from walkerkit.gap.demo import run
-    from walkerkit.gap.output import check_folder
+    from walkerkit.gap.rehearsal.demo import run
+    from walkerkit.gap.report.output import check_folder
 
     check_folder(out)
     with _progress() as progress:
@@ -111,7 +111,7 @@ def diagnose(
 ) -> None:
     """Find where simulation and recordings disagree, name why, and mend the model."""
     from walkerkit.gap import workflow
-    from walkerkit.gap.output import check_folder
+    from walkerkit.gap.report.output import check_folder
 
     check_folder(out)
     with _progress() as progress:
@@ -155,7 +155,7 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("rehearsal"),
 ) -> None:
     """Rehearse: record simulated hardware with effects hidden in it."""
-    from walkerkit.gap.rehearsal import rehearse
+    from walkerkit.gap.rehearsal.rehearse import rehearse
 
     rehearsal = rehearse(model, hide, seed=seed, seconds=seconds)
     console = _console()
@@ -220,6 +220,6 @@ def _print_diagnosis(diagnosis: Any, *, as_json: bool) -> None:
     if as_json:
         typer.echo(diagnosis.to_json(), nl=False)
         return
-    from walkerkit.gap.console import render
+    from walkerkit.gap.report.console import render
 
     _console().print(render(diagnosis))

@@ -21,29 +21,29 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.checks import (
+from walkerkit.gap.effects import CATALOGUE, Effect
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings.checks import (
     check_recordings,
     check_window,
     lopsided,
     source,
     without_placeholders,
 )
-from walkerkit.gap.commands import Hold, driven_by_effort
-from walkerkit.gap.diagnosis import Diagnosis
-from walkerkit.gap.effects import CATALOGUE, Effect
-from walkerkit.gap.errors import InputError
-from walkerkit.gap.evidence import weigh
-from walkerkit.gap.fit import Progress, evaluate, fit
-from walkerkit.gap.manifest import Experiment, load_experiments
-from walkerkit.gap.mend import mend
-from walkerkit.gap.naming import Round, name_effects
-from walkerkit.gap.problem import Problem, build
-from walkerkit.gap.recording import Recording
-from walkerkit.gap.result import Result, summarise
-from walkerkit.gap.robot import Robot, load_robot
-from walkerkit.gap.sidecar import with_sidecar
-from walkerkit.gap.split import Recordings, split, split_in_time
-from walkerkit.gap.structure import Structure, candidate_terms
+from walkerkit.gap.recordings.manifest import Experiment, load_experiments
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.split import Recordings, split, split_in_time
+from walkerkit.gap.report.diagnosis import Diagnosis
+from walkerkit.gap.report.result import Result, summarise
+from walkerkit.gap.search.evidence import weigh
+from walkerkit.gap.search.fit import Progress, evaluate, fit
+from walkerkit.gap.search.naming import Round, name_effects
+from walkerkit.gap.search.problem import Problem, build
+from walkerkit.gap.search.structure import Structure, candidate_terms
+from walkerkit.gap.simulation.commands import Hold, driven_by_effort
+from walkerkit.gap.simulation.mend import mend
+from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.sidecar import with_sidecar
 
 FloatArray = NDArray[np.float64]
 
@@ -147,7 +147,9 @@ def diagnose(
         if other_rounds[-1].fit.structure.terms:
             problem, rounds = other_problem, other_rounds
     final = rounds[-1].fit
-    mended = tuple(mend(robot, final.structure, final.values) for robot in problem.robots)
+    mended = tuple(
+        mend(final.structure.trials(robot, final.values[None])) for robot in problem.robots
+    )
     if progress:
         progress("writing up", 0.0)
     return summarise(problem, rounds, mended, seconds=time.perf_counter() - start)

@@ -7,8 +7,8 @@ import numpy as np
 
 from walkerkit.actuators.drive import Drive
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
-from walkerkit.gap.robot import Robot
-from walkerkit.gap.trials import Trials
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
 
 
 def _servo(robot: Robot, joint: str) -> Drive | None:

@@ -24,8 +24,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.robot import Robot
-from walkerkit.gap.trials import Trials
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
 SiteKind = Literal["joint", "body", "robot"]

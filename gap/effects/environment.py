@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
-from walkerkit.gap.robot import Robot
-from walkerkit.gap.trials import Trials
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
 
 _MOST = 0.35  # rad; nobody overlooks twenty degrees
 

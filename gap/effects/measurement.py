@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
-from walkerkit.gap.robot import Robot
-from walkerkit.gap.trials import Trials
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
 
 
 class EncoderOffset(JointEffect):

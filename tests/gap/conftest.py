@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from walkerkit.gap.diagnosis import (
+from walkerkit.gap.report.diagnosis import (
     Considered,
     Diagnosis,
     Estimate,

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 
 from walkerkit.gap import cli, workflow
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.hidden import HIDEABLE
-from walkerkit.gap.recording import Recording
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.rehearsal.hidden import HIDEABLE
 
 ACTUATOR = '<position name="knee" joint="knee" kp="30" kv="1" forcerange="-20 20"/>'
 SERVO = f"""
@@ -470,7 +470,7 @@ def test_an_output_that_is_no_folder_is_refused_before_any_work(
         raise AssertionError("worked in vain")
 
     monkeypatch.setattr(workflow, "diagnose", work)
-    monkeypatch.setattr("walkerkit.gap.demo.run", work)
+    monkeypatch.setattr("walkerkit.gap.rehearsal.demo.run", work)
     for out in ("a.csv", "a.csv/sub", "a.csv/sub/sub"):
         refused(
             run("diagnose", "servo.xml", "b.csv", "--out", out), out, "a.csv is a file", "--out"

@@ -17,12 +17,12 @@ import pytest
 from numpy.typing import NDArray
 
 from walkerkit.gap import workflow
-from walkerkit.gap.diagnosis import Diagnosis, NamedEffect
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.hardware import run_hardware
-from walkerkit.gap.hidden import HiddenEffect
-from walkerkit.gap.recording import Recording
-from walkerkit.gap.result import Result
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.rehearsal.hardware import run_hardware
+from walkerkit.gap.rehearsal.hidden import HiddenEffect
+from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
+from walkerkit.gap.report.result import Result
 from walkerkit.tasks.excitation import BATTERY
 
 Array = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""Recordings: read, checked, split, and what they say of noise and motion by themselves."""

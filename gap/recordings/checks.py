@@ -1,0 +1,111 @@
+"""Whether recordings can be compared with a simulation, and in what, before any time is spent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.recordings.recording import Recording
+
+_FEWEST_SAMPLES = 20  # of a recording
+_FEWEST_IN_WINDOW = 8
+_LONGEST_PAUSE = 0.5  # s
+_COMPARED = ("position", "effort")
+_PLACEHOLDERS = ("velocity", "effort")
+
+
+def check_recordings(recordings: Sequence[Recording]) -> None:
+    """Refuses recordings that are too short, have pauses, or hold no motion.
+
+    Args:
+        recordings: all that are used together.
+
+    Raises:
+        InputError: one of them is such a recording, or no joint moves in any.
+    """
+    for recording in recordings:
+        if len(recording.time) < _FEWEST_SAMPLES:
+            raise InputError(
+                f"{source(recording)}: it has {len(recording.time)} samples, and a comparison "
+                f"takes at least {_FEWEST_SAMPLES}. Record for longer."
+            )
+        steps = np.diff(recording.time)
+        longest = int(np.argmax(steps))
+        if steps[longest] > _LONGEST_PAUSE:
+            raise InputError(
+                f"{source(recording)}: column 'time' has a pause of {steps[longest]:.4g} s after "
+                f"{recording.time[longest]:.10g} s, in which the commands are unknown. Cut the "
+                "file there into two recordings."
+            )
+    if not any(np.ptp(r.columns[f"{joint}/position"]) for r in recordings for joint in r.joints):
+        raise InputError(
+            f"{source(recordings[0])}: no joint moves, here or in any other recording. Record a "
+            "motion; see whether the drives were on."
+        )
+
+
+def check_window(window: float, recordings: Sequence[Recording]) -> None:
+    """Refuses a window that is too short for one of the recordings.
+
+    Raises:
+        InputError: the window is shorter than a few samples.
+    """
+    for recording in recordings:
+        least = _FEWEST_IN_WINDOW / recording.rate
+        if window < least * (1 - 1e-6):
+            raise InputError(
+                f"window is {window:g} s, less than {_FEWEST_IN_WINDOW} samples of "
+                f"{source(recording)} at {recording.rate:.4g} Hz; give at least {least:.2g} s."
+            )
+
+
+def without_placeholders(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
+    """The experiments without efforts and velocities that never change; those become `unused`.
+
+    Drives that cannot measure their effort log zeros, which no simulation should be held to.
+    """
+    recordings = [r for experiment in experiments for r in experiment.recordings]
+    columns = dict.fromkeys(
+        f"{joint}/{signal}" for r in recordings for joint in r.joints for signal in _PLACEHOLDERS
+    )
+    silent = {
+        column
+        for column in columns
+        if not any(np.ptp(r.columns[column]) for r in recordings if column in r.columns)
+    }
+    return tuple(
+        replace(experiment, recordings=tuple(_without(r, silent) for r in experiment.recordings))
+        for experiment in experiments
+    )
+
+
+def _without(recording: Recording, silent: set[str]) -> Recording:
+    dropped = tuple(column for column in recording.columns if column in silent)
+    if not dropped:
+        return recording
+    columns = {name: v for name, v in recording.columns.items() if name not in silent}
+    return replace(recording, columns=columns, unused=(*recording.unused, *dropped))
+
+
+def lopsided(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> str | None:
+    """A compared column that only one half of the recordings has, or None where both have all."""
+    compared = dict.fromkeys(
+        f"{joint}/{signal}"
+        for recording in (*fitted, *held_out)
+        for joint in recording.joints
+        for signal in _COMPARED
+        if recording.signal(joint, signal) is not None
+    )
+    for column in compared:
+        if not all(any(column in r.columns for r in half) for half in (fitted, held_out)):
+            return column
+    return None
+
+
+def source(recording: Recording) -> str:
+    """What a user knows a recording by: its file, or its name where it has none."""
+    return str(recording.source or recording.name)

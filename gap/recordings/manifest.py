@@ -1,0 +1,267 @@
+"""Which recordings belong to which model: `experiments.toml`, or one model and its recordings.
+
+experiments = load_manifest("experiments.toml")
+experiments = load_experiments("leg.xml", ["walk.csv", "squat.csv"], held_out=["squat.csv"])
+
+    [[experiment]]
+    model = "kp400.xml"                     # or "package.module:callable"
+    recordings = ["sin.csv", "step.csv"]
+    held_out = ["chirp.csv"]                # optional, and none of the files above
+
+Files are relative to the manifest's folder. An experiment may be held out as a whole: it then has
+`held_out` alone. Recordings get names that are unique over all experiments.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from walkerkit.gap.errors import closest, refusal
+from walkerkit.gap.recordings.files import check_file, is_recording
+from walkerkit.gap.recordings.recording import Recording
+
+_KEYS = ("model", "recordings", "held_out")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One model and the recordings made of it.
+
+    Attributes:
+        model: path of an MJCF file, or `package.module:callable`.
+        recordings: all recordings, with the held-out ones last; names are unique.
+        held_out: names of the recordings held out; where no experiment has any, the workflow
+            decides.
+
+    Raises:
+        InputError: there is no recording, two share a name, or `held_out` names none of them.
+    """
+
+    model: str
+    recordings: tuple[Recording, ...]
+    held_out: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        names = [recording.name for recording in self.recordings]
+        if not names:
+            raise refusal(f"{self.model}: it has no recordings. Give at least one.")
+        for name, count in Counter(names).items():
+            if count > 1:
+                raise refusal(f"{self.model}: {count} recordings are called {name!r}. Rename one.")
+        for name in sorted(self.held_out - set(names)):
+            raise refusal(
+                f"{self.model}: {name!r} is to be held out but is none of its recordings"
+                f"{closest(name, names)}. Name one of {', '.join(map(repr, names))}."
+            )
+
+
+def load_manifest(path: str | Path) -> tuple[Experiment, ...]:
+    """Loads the experiments that a manifest lists.
+
+    Args:
+        path: a TOML file, as in this module's docstring.
+
+    Returns:
+        The experiments, in the file's order.
+
+    Raises:
+        InputError: the manifest or one of its files cannot be used.
+    """
+    path = Path(path)
+    check_file(path)
+    try:
+        with path.open("rb") as file:
+            content = tomllib.load(file)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise refusal(f"{path}: not a TOML file: {error}. Mend it there.") from error
+    _check_keys(str(path), content, ("experiment",))
+    tables = content.get("experiment")
+    if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
+        raise refusal(
+            f"{path}: it has no [[experiment]]. Start each experiment with that line, in two "
+            "pairs of brackets."
+        )
+    return _named(
+        [_experiment(path, number, table) for number, table in enumerate(tables, start=1)], path
+    )
+
+
+def load_experiments(
+    model_or_manifest: str | Path,
+    recordings: Sequence[str | Path | Recording] = (),
+    held_out: Sequence[str | Path | Recording] = (),
+) -> tuple[Experiment, ...]:
+    """Loads what the command line names: a model and its recordings, or a manifest alone.
+
+    Args:
+        model_or_manifest: an MJCF file, `package.module:callable`, or a manifest (.toml).
+        recordings: files or recordings; none with a manifest.
+        held_out: which of them are held out, by name, file or recording; files and recordings that
+            are not among `recordings` are added.
+
+    Returns:
+        The experiments; one where a model is given.
+
+    Raises:
+        InputError: the two forms are mixed, or something named cannot be used.
+    """
+    source = str(model_or_manifest)
+    path = Path(source)
+    if path.suffix.lower() == ".toml":
+        if recordings or held_out:
+            extra = [*recordings, *held_out][0]
+            raise refusal(
+                f"{path}: a manifest lists its recordings itself, but {_title(extra)} is given "
+                "beside it. Leave one of the two out."
+            )
+        return load_manifest(path)
+    _check_model(source)
+    if not recordings and not held_out:
+        raise refusal(f"{source}: no recording is given. Name at least one after the model.")
+    given = [_recording(item) for item in recordings]
+    held = [_find(item, given) or _recording(item) for item in held_out]
+    return _named(
+        [_Draft(model=source, fitted=[r for r in given if r not in held], held_out=held)], path
+    )
+
+
+def is_callable(source: str) -> bool:
+    """Whether a model is named by `package.module:callable`, not by a file."""
+    head, separator, tail = source.rpartition(":")
+    return bool(separator) and tail.isidentifier() and "/" not in head and "\\" not in head
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Draft:
+    """An experiment whose recordings are not named yet."""
+
+    model: str
+    fitted: list[Recording]
+    held_out: list[Recording]
+
+
+def _experiment(path: Path, number: int, table: Mapping[str, Any]) -> _Draft:
+    label = f"{path}: experiment {number}"
+    _check_keys(label, table, _KEYS)
+    model = table.get("model")
+    if not isinstance(model, str) or not model:
+        raise refusal(
+            f"{label} has "
+            f"{'no model' if model is None else f'the model {model!r}'}. Write "
+            'model = "robot.xml" or "package.module:callable".'
+        )
+    if not table.keys() & {"recordings", "held_out"}:
+        raise refusal(f'{label} has no recordings. Write recordings = ["log.csv"].')
+    files = {}
+    for key in ("recordings", "held_out"):
+        listed = table.get(key, [])
+        proper = isinstance(listed, list) and all(isinstance(f, str) and f for f in listed)
+        if not proper or (key in table and not listed):
+            raise refusal(
+                f"{label} has {key} = {listed!r}. Write a list of file names, such as "
+                f'["log.csv"]{", or leave it out" if key == "held_out" else ""}.'
+            )
+        files[key] = listed
+    if not is_callable(model):
+        model = str(path.parent / model)
+    _check_model(model)
+    return _Draft(
+        model=model,
+        fitted=[Recording.load(path.parent / file) for file in files["recordings"]],
+        held_out=[Recording.load(path.parent / file) for file in files["held_out"]],
+    )
+
+
+def _named(drafts: Sequence[_Draft], source: Path) -> tuple[Experiment, ...]:
+    """Gives the recordings unique names, and checks that something is left to fit."""
+    if not any(draft.fitted for draft in drafts):
+        raise refusal(f"{source}: all recordings are held out. Leave at least one to fit.")
+    names = _unique_names([r for draft in drafts for r in (*draft.fitted, *draft.held_out)])
+
+    def named(recordings: list[Recording]) -> tuple[Recording, ...]:
+        return tuple(r if r.name == names[r] else replace(r, name=names[r]) for r in recordings)
+
+    return tuple(
+        Experiment(
+            model=draft.model,
+            recordings=named(draft.fitted) + named(draft.held_out),
+            held_out=frozenset(names[recording] for recording in draft.held_out),
+        )
+        for draft in drafts
+    )
+
+
+def _unique_names(recordings: Sequence[Recording]) -> dict[Recording, str]:
+    """Names with as many parent folders in front as it takes to tell them apart."""
+    # Parts of one file share the file and differ in name; a file listed twice shares both.
+    for (file, _), count in Counter(
+        (r.source.resolve(), r.name) for r in recordings if r.source is not None
+    ).items():
+        if count > 1:
+            raise refusal(
+                f"{file}: listed {count} times. List it once, to be fitted or to be held out."
+            )
+    names = [recording.name for recording in recordings]
+    depth = 0
+    while shared := {name for name, count in Counter(names).items() if count > 1}:
+        depth += 1
+        for index, recording in enumerate(recordings):
+            if names[index] in shared:
+                folders = () if recording.source is None else recording.source.resolve().parts[1:-1]
+                if depth > len(folders):
+                    raise refusal(
+                        f"{_title(recording)}: another recording is called {recording.name!r} "
+                        "too. Rename one of them."
+                    )
+                names[index] = "/".join((*folders[-depth:], recording.name))
+    return dict(zip(recordings, names, strict=True))
+
+
+def _recording(item: str | Path | Recording) -> Recording:
+    return item if isinstance(item, Recording) else Recording.load(item)
+
+
+def _find(item: str | Path | Recording, recordings: Sequence[Recording]) -> Recording | None:
+    """The one of `recordings` that a held-out item means; None where it is a file to be added."""
+    if isinstance(item, Recording):
+        return next((recording for recording in recordings if recording is item), None)
+    file = Path(item).resolve()
+    for recording in recordings:
+        if recording.source is not None and recording.source.resolve() == file:
+            return recording
+    called = [recording for recording in recordings if recording.name == str(item)]
+    if len(called) == 1:
+        return called[0]
+    if called or not is_recording(file):
+        names = [recording.name for recording in recordings]
+        raise refusal(
+            f"{item}: to be held out, but {len(called) or 'none'} of the recordings are called so"
+            f"{'' if called else closest(str(item), names)}. Name the file of one of them."
+        )
+    return None
+
+
+def _title(item: str | Path | Recording) -> str:
+    return str((item.source or item.name) if isinstance(item, Recording) else item)
+
+
+def _check_model(model: str) -> None:
+    if is_callable(model):
+        return
+    if is_recording(Path(model)):
+        raise refusal(f"{model}: this is a recording. Name the model, and the model first.")
+    check_file(Path(model))
+
+
+def _check_keys(label: str, table: Iterable[str], valid: Sequence[str]) -> None:
+    for key in table:
+        if key not in valid:
+            raise refusal(
+                f"{label}: unknown key {key!r}{closest(key, valid)}. "
+                f"The keys are {', '.join(valid)}."
+            )

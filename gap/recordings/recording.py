@@ -1,0 +1,377 @@
+"""A log of the robot: time-stamped joint signals, checked as they are loaded.
+
+recording = Recording.load("walk.csv")         # .csv, .parquet or .npz
+recording.joints                               # ("hip", "knee")
+recording.signal("knee", "position")           # (T,) rad, or None where it was not logged
+recording.between(2.0, 4.0).save("part.npz")
+
+One column per signal, `<joint>/<signal>`, beside `time` in seconds; SI units and radians; the joint
+is everything before the last slash. Optional: `voltage`, `<joint>/current`, and of the base
+`base/position_x…z` and `base/linear_velocity_x…z` (world frame), `base/quaternion_w…z` (base to
+world), `base/angular_velocity_x…z` (base frame), as a MuJoCo free joint has them. Every joint has a
+`position` and at least one joint a target; a joint without one is passive. A recording that
+cannot be used raises InputError: one line that says where, what, and how to mend it.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from walkerkit.gap.errors import InputError, closest, refusal
+from walkerkit.gap.recordings.files import describe_row, read, write
+
+Array = npt.NDArray[np.float64]
+
+SIGNALS = (
+    "position",
+    "velocity",
+    "effort",
+    "position_target",
+    "velocity_target",
+    "effort_target",
+)
+TARGETS = SIGNALS[3:]
+QUATERNION = tuple(f"base/quaternion_{axis}" for axis in "wxyz")
+BASE = QUATERNION + tuple(
+    f"base/{quantity}_{axis}"
+    for quantity in ("position", "linear_velocity", "angular_velocity")
+    for axis in "xyz"
+)
+LARGEST_POSITION = 50.0
+"""A position beyond this is taken for degrees [rad, m]."""
+LONGEST_STEP = 0.2
+"""A median step from here on is taken for milliseconds or less [s]; 1 kHz in milliseconds is 1."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Recording:
+    """Signals of one run of the robot.
+
+    Attributes:
+        name: label, unique among the recordings used together; the file's stem.
+        time: (T,) s, strictly increasing; starts wherever the file does.
+        columns: column name to (T,) samples, read-only, in the file's order.
+        source: the file that the rows come from.
+        unused: the file's columns that nothing uses; they are not kept.
+        notes: what a user should know about the data.
+        part_of: the recording that this was cut from; it knows the commands before.
+
+    Raises:
+        InputError: the data break the contract of this module.
+    """
+
+    name: str
+    time: Array
+    columns: Mapping[str, Array]
+    source: Path | None = None
+    unused: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    part_of: Recording | None = None
+
+    def __post_init__(self) -> None:
+        self._check_names()
+        time = self._numbers("time", self.time)
+        columns = {name: self._numbers(name, values) for name, values in self.columns.items()}
+        if time.size < 2:
+            raise self._error(f"too few rows of data ({time.size}). At least two are needed")
+        for name, values in columns.items():
+            if values.size != time.size:
+                raise self._error(
+                    f"column {name!r} has {values.size} samples and 'time' has {time.size}. "
+                    "Put all columns on one clock"
+                )
+        for name, values in {"time": time, **columns}.items():
+            self._check_finite(name, values)
+        self._check_time(time)
+        self._check_units(columns)
+        for values in (time, *columns.values()):
+            values.setflags(write=False)
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "columns", MappingProxyType(columns))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A mapping proxy cannot be pickled or deep-copied.
+        state = {field.name: getattr(self, field.name) for field in fields(self)}
+        return functools.partial(Recording, **state | {"columns": dict(self.columns)}), ()
+
+    def __repr__(self) -> str:
+        return (
+            f"<Recording {self.name!r}: joints {', '.join(self.joints)}; "
+            f"{self.duration:.4g} s at {self.rate:.4g} Hz>"
+        )
+
+    @functools.cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in order of their first column."""
+        return tuple(
+            dict.fromkeys(
+                joint
+                for joint, _ in map(_split, self.columns)
+                if f"{joint}/position" in self.columns
+            )
+        )
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def rate(self) -> float:
+        """One over the median time step [Hz]."""
+        return float(1.0 / np.median(np.diff(self.time)))
+
+    def signal(self, joint: str, signal: str) -> Array | None:
+        """One signal of one joint.
+
+        Args:
+            joint: name of the joint.
+            signal: one of SIGNALS, or "current".
+
+        Returns:
+            (T,) SI units, read-only; None where the recording does not have it.
+
+        Raises:
+            InputError: there is no such kind of signal.
+        """
+        if signal not in (*SIGNALS, "current"):
+            raise self._error(f"no signal is called {signal!r}{closest(signal, SIGNALS)}")
+        return self.columns.get(f"{joint}/{signal}")
+
+    def between(self, start: float, stop: float) -> Recording:
+        """The part with start <= time < stop, named after the recording and the times.
+
+        Args:
+            start: first time [s].
+            stop: time at which the part has ended [s].
+
+        Returns:
+            The part, on the same clock.
+
+        Raises:
+            InputError: fewer than two samples lie there.
+        """
+        first, last = np.searchsorted(self.time, (start, stop))
+        if last - first < 2:
+            raise self._error(
+                f"{max(last - first, 0)} samples lie between {start:g} and {stop:g} s. "
+                f"Choose times from {self.time[0]:g} to {self.time[-1]:g} s with at least two"
+            )
+        return replace(
+            self,
+            name=f"{self.name}[{start:g}:{stop:g}]",
+            time=self.time[first:last],
+            columns={name: values[first:last] for name, values in self.columns.items()},
+            part_of=self.whole,
+        )
+
+    @property
+    def whole(self) -> Recording:
+        """The recording that this is a part of, or itself."""
+        return self.part_of or self
+
+    @classmethod
+    def load(cls, path: str | Path) -> Recording:
+        """Reads a recording.
+
+        Args:
+            path: a .csv, .parquet or .npz file.
+
+        Returns:
+            The recording, with `unused` and `notes` filled in.
+
+        Raises:
+            InputError: the file cannot be read, or breaks the contract of this module.
+        """
+        path = Path(path)
+        names: list[str] = []
+
+        def choose(found: list[str]) -> list[str]:
+            names.extend(name for name in found if name)  # a comma too many at the header's end
+            _check_header(path, names)
+            return ["time", *_used(names)]
+
+        columns = read(path, choose)
+        recording = cls(
+            name=path.stem,
+            time=columns.pop("time"),
+            columns=columns,
+            source=path,
+            unused=tuple(name for name in names if name != "time" and name not in columns),
+        )
+        return replace(recording, notes=tuple(_notes(recording)))
+
+    def save(self, path: str | Path) -> None:
+        """Writes the recording so that `load` gives the same numbers.
+
+        Columns that nothing uses are not written: they were never kept.
+
+        Args:
+            path: a .csv, .parquet or .npz file; replaced in one step where it exists.
+
+        Raises:
+            InputError: the format is unknown, or the path cannot be a file.
+        """
+        write(Path(path), {"time": self.time, **self.columns})
+
+    def _error(self, problem: str) -> InputError:
+        return refusal(f"{self.source or f'recording {self.name!r}'}: {problem}.")
+
+    def _row(self, row: int) -> str:
+        return describe_row(self.source, row)
+
+    def _check_names(self) -> None:
+        joints = {joint for joint, signal in map(_split, self.columns) if signal == "position"}
+        used = _used(self.columns)
+        for name in self.columns:
+            joint, signal = _split(name)
+            if name not in used:
+                raise self._error(f"nothing uses the column {name!r}. Name it in `unused` only")
+            if signal in SIGNALS and joint not in joints:
+                raise self._error(
+                    f"joint {joint!r} has {name!r} but no position{closest(joint, joints)}. "
+                    f"Add '{joint}/position' or rename the column"
+                )
+        if not joints:
+            raise self._error(
+                f"no joint: no column is called '<joint>/position'{_some(self.unused)}. "
+                "Name one column per signal, such as 'knee/position'"
+            )
+        if not any(_split(name)[1] in TARGETS for name in self.columns):
+            raise self._error(
+                f"no joint has a target: add the command that was sent, such as "
+                f"'{min(joints)}/position_target' (or velocity_target, effort_target)"
+            )
+        missing = [name for name in QUATERNION if name not in self.columns]
+        if 0 < len(missing) < 4:
+            raise self._error(f"the base's quaternion lacks {missing[0]!r}. Log all four, or none")
+
+    def _numbers(self, name: str, values: npt.ArrayLike) -> Array:
+        """A float64 copy of a column, or the first entry that is no number."""
+        array = np.asarray(values)
+        if array.ndim != 1:
+            raise self._error(
+                f"column {name!r} has the shape {array.shape}. Give it one dimension, (T,)"
+            )
+        if array.dtype.kind in "iuf":
+            return array.astype(np.float64)
+        numbers = np.empty(array.size)
+        for row, value in enumerate(array):
+            try:
+                if array.dtype.kind not in "OSU":  # float() would take dates and truth values
+                    raise TypeError
+                numbers[row] = np.nan if value is None else float(value)
+            except (TypeError, ValueError):
+                raise self._error(
+                    f"column {name!r} has {str(value)[:40]!r} at {self._row(row)}: no number. "
+                    "Write plain numbers in SI units, time in seconds"
+                ) from None
+        return numbers
+
+    def _check_finite(self, name: str, values: Array) -> None:
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise self._error(
+                f"column {name!r} is empty, NaN or infinite in {bad.size} of {values.size} rows, "
+                f"first {values[bad[0]]} at {self._row(bad[0])}. Delete such rows, or fill them: "
+                "hold the last target, interpolate measurements"
+            )
+
+    def _check_time(self, time: Array) -> None:
+        steps = np.diff(time)
+        bad = np.flatnonzero(steps <= 0)
+        if bad.size:
+            before, after = float(time[bad[0]]), float(time[bad[0] + 1])
+            raise self._error(
+                f"column 'time' {'repeats' if before == after else 'goes backwards'} at "
+                f"{self._row(bad[0] + 1)}: {before!r} s, then {after!r} s. "
+                "Sort the rows by time and delete repeated ones"
+            )
+        step = float(np.median(steps))
+        if step >= LONGEST_STEP:
+            unit, factor = "nanoseconds", "1e9"
+            if step < 1e6 * LONGEST_STEP:
+                unit, factor = "microseconds", "1e6"
+            if step < 1e3 * LONGEST_STEP:
+                unit, factor = "milliseconds", "1e3"
+            raise self._error(
+                f"column 'time' has a median step of {step:g} s and looks like {unit}. "
+                f"Divide it by {factor} to have seconds"
+            )
+
+    def _check_units(self, columns: Mapping[str, Array]) -> None:
+        for name, values in columns.items():
+            if _split(name)[1] not in ("position", "position_target"):
+                continue
+            far = np.flatnonzero(np.abs(values) > LARGEST_POSITION)
+            if far.size:
+                raise self._error(
+                    f"column {name!r} has {values[far[0]]:g} at {self._row(far[0])}, over "
+                    f"{LARGEST_POSITION:g} rad or m: looks like degrees; convert with numpy.deg2rad"
+                )
+        if QUATERNION[0] in columns:
+            norm = np.linalg.norm([columns[name] for name in QUATERNION], axis=0)
+            off = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
+            if off.size:
+                raise self._error(
+                    f"columns 'base/quaternion_w…z' have norm {norm[off[0]]:g} at "
+                    f"{self._row(off[0])}. Log unit quaternions"
+                )
+
+
+def _split(column: str) -> tuple[str, str]:
+    joint, _, signal = column.rpartition("/")
+    return joint, signal
+
+
+def _used(names: Iterable[str]) -> list[str]:
+    """The columns that a recording keeps, in their order."""
+    names = list(names)
+    measured = {joint for joint, signal in map(_split, names) if signal == "position"}
+
+    def used(name: str) -> bool:
+        joint, signal = _split(name)
+        if not joint or not joint.isprintable() or joint.startswith(" "):
+            return name == "voltage"
+        return signal in SIGNALS or name in BASE or (signal == "current" and joint in measured)
+
+    return [name for name in names if used(name)]
+
+
+def _check_header(path: Path, names: list[str]) -> None:
+    twice = next((name for row, name in enumerate(names) if name in names[:row]), None)
+    if twice is not None:
+        raise refusal(f"{path}: two columns are called {twice!r}. Rename one.")
+    if "time" not in names:
+        raise refusal(
+            f"{path}: no column 'time'{closest('time', names) or _some(names)}. "
+            "Name the column of seconds 'time'."
+        )
+
+
+def _some(names: Iterable[str]) -> str:
+    shown = [repr(name) for name in names][:5]
+    return f" (there are {', '.join(shown)})" if shown else ""
+
+
+def _notes(recording: Recording) -> Iterator[str]:
+    steps = np.diff(recording.time) * 1e3
+    low, middle, high = np.quantile(steps, (0.0, 0.5, 1.0))
+    if high > 1.9 * middle or low < 0.5 * middle:  # from a missed sample on
+        yield (
+            f"irregular sampling: steps of {low:.3g} to {high:.3g} ms, median {middle:.3g} ms, "
+            f"longest at {recording.time[np.argmax(steps)]:.6g} s"
+        )
+    for joint in recording.joints:
+        if np.ptp(recording.columns[f"{joint}/position"]) == 0:
+            yield f"joint {joint!r} never moves"
+        if all(recording.signal(joint, target) is None for target in TARGETS):
+            yield f"joint {joint!r} has no target and is taken as passive"

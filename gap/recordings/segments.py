@@ -1,0 +1,68 @@
+"""Stretches of a recording that are simulated in one go."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from walkerkit.gap.recordings.recording import Recording
+
+_FEWEST_ROWS = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """Consecutive samples of a recording, simulated from the measured state of the first.
+
+    Attributes:
+        recording: the log.
+        first, last: index of its first sample and one past its last.
+    """
+
+    recording: Recording
+    first: int
+    last: int
+
+    @property
+    def start(self) -> float:
+        """Time of the first sample [s]."""
+        return float(self.recording.time[self.first])
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return float(self.recording.time[self.last - 1]) - self.start
+
+
+def whole(recording: Recording) -> tuple[Segment, ...]:
+    """The whole recording as one segment."""
+    return (Segment(recording=recording, first=0, last=len(recording.time)),)
+
+
+def windows(recording: Recording, length: float) -> tuple[Segment, ...]:
+    """Adjoining segments of `length` seconds; what is left at the end is dropped.
+
+    A recording shorter than `length` is one segment.
+    """
+    time = recording.time
+    count = int((time[-1] - time[0]) / length)
+    if count == 0:
+        return whole(recording)
+    edges = np.searchsorted(time, time[0] + length * np.arange(count + 1))
+    return tuple(
+        Segment(recording=recording, first=int(first), last=int(last))
+        for first, last in itertools.pairwise(edges)
+        if last - first >= _FEWEST_ROWS
+    )
+
+
+def cut(recordings: Sequence[Recording], length: float | None) -> tuple[Segment, ...]:
+    """All recordings as windows of `length` seconds, or whole where it is None."""
+    return tuple(
+        segment
+        for recording in recordings
+        for segment in (whole(recording) if length is None else windows(recording, length))
+    )

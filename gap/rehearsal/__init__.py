@@ -1,0 +1,1 @@
+"""Rehearsals on simulated hardware with something hidden in it."""

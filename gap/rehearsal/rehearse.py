@@ -1,0 +1,109 @@
+"""Rehearsals: experiments on simulated hardware with something hidden in it.
+
+The hardware (`walkerkit.gap.rehearsal.hardware`) shares no law with the workflow: its own servo,
+friction with bristles, four times finer steps, quantised encoders, noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.rehearsal.hardware import run_hardware
+from walkerkit.gap.rehearsal.hidden import HIDEABLE, HiddenEffect
+from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, peak_effort
+from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.tasks.excitation import BATTERY
+
+FloatArray = NDArray[np.float64]
+
+EXPERIMENTS = ("chirp", "slow_triangle", "steps")  # the last one is held out
+SECONDS, RATE = 10.0, 500.0
+LONGEST = 3600.0  # s
+_ROOM = 0.35  # part of a joint's range that the targets use, around its home
+_DEFAULT_ROOM = 0.5  # rad, where a joint has no range
+_SPEED = 6.0  # rad/s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rehearsal:
+    """Recordings of simulated hardware.
+
+    Attributes:
+        recordings: one per experiment.
+        hidden: what was hidden; empty for nothing.
+    """
+
+    recordings: tuple[Recording, ...]
+    hidden: tuple[HiddenEffect, ...]
+
+
+def rehearse(
+    model: str | Path, hide: Sequence[str] | None = None, *, seed: int = 0, seconds: float = SECONDS
+) -> Rehearsal:
+    """Draws what to hide, and records the experiments.
+
+    Args:
+        model: MJCF file of a robot with plain position actuators.
+        hide: names of effects, each drawn with its joints and size; `["none"]` for nothing; by
+            default one drawn from all.
+        seed: of the draw, the experiments and the noise.
+        seconds: length of each experiment.
+
+    Returns:
+        The recordings and what is hidden in them.
+
+    Raises:
+        InputError: an effect that cannot be hidden, or a model that cannot be simulated.
+    """
+    names = [] if hide is None else [name for name in hide if name != "none"]
+    for name in names:
+        if name not in HIDEABLE:
+            raise InputError(
+                f"effect {name!r} cannot be hidden; choose from none, {', '.join(HIDEABLE)}."
+            )
+    if not 1 <= seconds <= LONGEST:
+        raise InputError(
+            f"seconds is {seconds:g}; an experiment takes at least 1 s and at most {LONGEST:g} s."
+        )
+    rng = np.random.default_rng(seed)
+    robot = load_robot(model)
+    targets = [BATTERY[name] for name in EXPERIMENTS]
+    time = np.arange(0.0, seconds, 1 / RATE)
+    lower, upper = _room(robot)
+    sent = [
+        signal(time, lower=lower, upper=upper, rng=rng, max_velocity=_SPEED) for signal in targets
+    ]
+    nominal = peak_effort(run_hardware(model, sent, seed=seed))
+    hidden: list[HiddenEffect] = []
+    for choice in [None] if hide is None else [[name] for name in names]:
+        hidden.append(draw_hidden(model, rng, choice, peak_effort=nominal))
+    recordings = run_hardware(model, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
+    return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
+
+
+def _room(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest targets of the joints that have actuators, in the actuators' order."""
+    model = robot.model
+    home = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, home, 0)
+    lower, upper = [], []
+    for actuator in range(model.nu):
+        joint = int(model.actuator_trnid[actuator, 0])
+        middle = float(home.qpos[model.jnt_qposadr[joint]])
+        low, high = middle - _DEFAULT_ROOM, middle + _DEFAULT_ROOM
+        if model.jnt_limited[joint]:
+            width = _ROOM * float(np.ptp(model.jnt_range[joint]))
+            low = max(float(model.jnt_range[joint, 0]), middle - width / 2)
+            high = min(float(model.jnt_range[joint, 1]), middle + width / 2)
+        lower.append(low)
+        upper.append(high)
+    return np.array(lower), np.array(upper)

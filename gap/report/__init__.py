@@ -1,0 +1,1 @@
+"""What was found, as results, as text, as figures and as files."""

@@ -1,0 +1,136 @@
+"""A diagnosis in a terminal: a verdict, tables, numbered notes.
+
+    rich.print(render(diagnosis))
+    text = as_text(diagnosis, width=80)
+
+Nothing is said by colour alone, so that plain text loses nothing.
+"""
+
+from __future__ import annotations
+
+import io
+from typing import Literal
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from walkerkit.gap.report import wording
+from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
+from walkerkit.gap.report.quantity import percent, quantity
+
+_TOP = 3  # locations shown
+_VERDICT_STYLES = {
+    "explained": "bold green",
+    "no_gap": "bold green",
+    "partly_explained": "bold yellow",
+    "unexplained": "bold red",
+}
+
+
+def render(diagnosis: Diagnosis) -> RenderableType:
+    """The diagnosis as something that `rich` prints."""
+    verdict = Text.assemble(
+        (f"{wording.title(diagnosis)}. ", _VERDICT_STYLES[diagnosis.verdict]),
+        wording.verdict_sentence(diagnosis),
+    )
+    parts: list[RenderableType] = [verdict]
+    if diagnosis.locations:
+        parts += [_heading("Where"), _locations(diagnosis)]
+    if diagnosis.effects:
+        parts += [_heading("Effects, in the order in which they were added"), _effects(diagnosis)]
+        parts += [Text(warning) for warning in wording.warnings(diagnosis)]
+    doubts = [*wording.doubts(diagnosis), wording.advice(diagnosis)]
+    parts += [Text(f"\n{doubt}") for doubt in doubts if doubt]
+    parts += [_heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis.gap))]
+    if diagnosis.notes:
+        parts += [_heading("Notes"), _notes(diagnosis)]
+    return Group(*parts)
+
+
+def as_text(diagnosis: Diagnosis, width: int = 100) -> str:
+    """The same as plain text.
+
+    Args:
+        diagnosis: the result.
+        width: characters in a line.
+
+    Returns:
+        Lines without trailing spaces, the same in every terminal.
+    """
+    out = io.StringIO()
+    Console(
+        file=out,
+        width=width,
+        color_system=None,
+        force_terminal=False,
+        force_jupyter=False,
+        legacy_windows=False,
+    ).print(render(diagnosis))
+    return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
+
+
+def _heading(text: str) -> Text:
+    return Text(f"\n{text}", style="bold")
+
+
+def _table(*columns: str, right: tuple[str, ...] = ()) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+    for name in columns:
+        justify: Literal["left", "right"] = "right" if name in right else "left"
+        table.add_column(name, justify=justify, overflow="fold", min_width=min(len(name), 6))
+    return table
+
+
+def _add(table: Table, *cells: str) -> None:
+    table.add_row(*(Text(cell) for cell in cells))  # Text: names are not markup
+
+
+def _locations(diagnosis: Diagnosis) -> Table:
+    table = _table("joint", "regime", "of the gap", "lift", right=("of the gap", "lift"))
+    for at in diagnosis.locations[:_TOP]:
+        share, lift = percent(at.share), f"{at.lift:.1f}×"
+        _add(table, wording.site(at.joint), wording.words(at.regime), share, lift)
+    return table
+
+
+def _effects(diagnosis: Diagnosis) -> Table:
+    table = _table(
+        *("effect", "joint", "parameter", "value", "unit", "sure", "gap after"),
+        right=("value", "sure", "gap after"),
+    )
+    unit = diagnosis.gap.position.unit
+    for named in diagnosis.effects:
+        sure, after = percent(named.confidence), quantity(named.gap_after, unit)
+        first = [wording.label(named.effect), sure, after]
+        for place, name, value, its_unit in _parameters(named):
+            _add(table, first[0], place, name, value, its_unit, *first[1:])
+            first = ["", "", ""]
+    return table
+
+
+def _parameters(named: NamedEffect) -> list[tuple[str, str, str, str]]:
+    rows = []
+    for of in named.parameters:
+        value, unit, warning = wording.estimate(of)
+        place = f"body {of.place}" if of.place in named.bodies else of.place
+        text = f"{value} ({warning})" if warning else value
+        rows.append((wording.site(place), wording.label(of.name), text, unit))
+    sites = wording.listed([wording.site(name) for name in named.joints or named.bodies])
+    return rows or [(sites, "", "", "")]
+
+
+def _sizes(diagnosis: Diagnosis) -> Table:
+    columns = wording.size_columns(diagnosis)
+    table = _table("signal", *columns, right=columns)
+    for name, size in wording.signals(diagnosis.gap).items():
+        _add(table, wording.words(name), *wording.size_cells(diagnosis, size))
+    return table
+
+
+def _notes(diagnosis: Diagnosis) -> Table:
+    table = Table.grid(padding=(0, 1))
+    for index, note in enumerate(diagnosis.notes, start=1):
+        _add(table, f"{index}.", " ".join(wording.label(line) for line in note.split()))
+    return table

@@ -1,0 +1,85 @@
+"""What a reader should know before trusting the numbers of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
+from walkerkit.gap.search.problem import Problem
+
+_UNSURE = 0.9
+
+
+def notes(
+    problem: Problem, gap: Gap, effects: Sequence[NamedEffect], verdict: Verdict, *, searched: bool
+) -> tuple[str, ...]:
+    """The notes of a diagnosis, most important first."""
+    return tuple(_notes(problem, gap, effects, verdict, searched))
+
+
+def _notes(
+    problem: Problem,
+    gap: Gap,
+    effects: Sequence[NamedEffect],
+    verdict: Verdict,
+    searched: bool,
+) -> Iterator[str]:
+    for named in effects:
+        yield from _of_effect(named)
+    if verdict == "unexplained":
+        yield (
+            "Nothing in the catalogue makes the held-out gap smaller by more than chance. The "
+            "locations show the regime that a missing effect would have to act in."
+            if searched
+            else "`walkerkit diagnose` with the same arguments looks for the missing effect."
+        )
+    if verdict == "partly_explained":
+        yield (
+            "A gap remains above the floor that no further effect of the catalogue explains; "
+            "mind it before you trust the model beyond these motions."
+        )
+    if gap.numerical_floor > gap.position.noise_floor:
+        step = problem.robots[0].model.opt.timestep
+        yield (
+            f"The simulation's own timestep of {step:g} s moves the positions by "
+            f"{gap.numerical_floor:.2g} {gap.position.unit}, more than the noise; effects were "
+            "judged with that error taken out. A finer timestep would make the gap smaller."
+        )
+    if problem.hold == "linear":
+        yield (
+            "Targets were interpolated between their samples, which explains the recordings "
+            "better than holding them; the log seems to be as fast as the control loop itself."
+        )
+    if gap.horizon is not None:
+        yield (
+            f"Joints are driven by effort, so replays restart from the measured state every "
+            f"{gap.horizon:g} s; the noise floor leaves out what the restart's own error adds."
+        )
+    seen = {r.name: r for half in (problem.fit, problem.held) for g in half.recordings for r in g}
+    for recording in seen.values():
+        yield from (f"{recording.name}: {note}" for note in recording.notes)
+    unused = sorted({column for recording in seen.values() for column in recording.unused})
+    if unused:
+        yield f"Columns that nothing uses: {', '.join(unused)}."
+
+
+def _of_effect(named: NamedEffect) -> Iterator[str]:
+    if named.indistinguishable_from:
+        yield (
+            f"{named.effect} cannot be told from {', '.join(named.indistinguishable_from)} with "
+            "these recordings and channels; it stands for all of them."
+        )
+    elif named.confidence < _UNSURE:
+        yield f"{named.effect} is named with a confidence of only {named.confidence:.2f}."
+    for estimate in named.parameters:
+        place = "" if estimate.place == "*" else f" of {estimate.place}"
+        if estimate.at_bound:
+            yield (
+                f"{named.effect}: {estimate.name}{place} ran into its bound "
+                f"{estimate.value:.4g} {estimate.unit} and is no estimate."
+            )
+        elif estimate.std is None:
+            yield (
+                f"{named.effect}: the recordings say nothing of {estimate.name}{place}; its value "
+                f"{estimate.value:.4g} {estimate.unit} means nothing."
+            )

@@ -1,0 +1,136 @@
+"""The folder that `diagnose --out` leaves behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.report.page import write_report
+from walkerkit.gap.report.result import Result
+from walkerkit.gap.simulation.mend import write_model
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.sidecar import FILE, sidecar
+
+DIAGNOSIS, REPORT, MANIFEST = "diagnosis.json", "report.html", "experiments.toml"
+
+
+def check_folder(folder: Path) -> None:
+    """Tells whether a folder can be written before the work is done that would be lost.
+
+    Args:
+        folder: may be missing.
+
+    Raises:
+        InputError: it is no folder, or what it would be made in is none or may not be written.
+    """
+    whole = folder.absolute()
+    try:
+        there = next(path for path in (whole, *whole.parents) if path.exists())
+    except OSError as error:
+        raise _unwritable(folder, error.strerror) from None
+    if not there.is_dir():
+        raise _unwritable(folder, f"{there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise _unwritable(folder, f"no permission to write in {there}")
+
+
+def save(result: Result, folder: Path) -> Path:
+    """Writes everything into a folder beside the target first, so that no file is ever half there.
+
+    Args:
+        result: what was found.
+        folder: made if it is missing; files of the same names are replaced.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as name:
+            made = Path(name)
+            _write(result, made)
+            for path in sorted(made.rglob("*")):
+                target = folder / path.relative_to(made)
+                if path.is_dir():
+                    target.mkdir(exist_ok=True)
+                else:
+                    path.replace(target)
+    except OSError as error:
+        raise _unwritable(folder, error.strerror) from None
+    return folder
+
+
+def _unwritable(folder: Path, reason: str | None) -> InputError:
+    return InputError(f"{folder}: cannot be written ({reason}). Give another folder with --out.")
+
+
+def _write(result: Result, folder: Path) -> None:
+    names = _model_names(result.robots)
+    taken: dict[str, Path | str] = {}
+    for name, robot in zip(names, result.robots, strict=True):
+        write_model(robot, folder / name, taken)
+    named = result.diagnosis.to_dict()["effects"]
+    content = sidecar(dict(zip(names, result.robots, strict=True)), named)
+    _write_text(folder / FILE, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+    if len(names) > 1:
+        _write_text(folder / MANIFEST, _manifest(result, names))
+    _copy_next_experiment(result, folder)
+    write_report(
+        result.diagnosis, folder / REPORT, title=result.robots[0].stem, catalogue=CATALOGUE
+    )
+    _write_text(folder / DIAGNOSIS, result.diagnosis.to_json())
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _model_names(robots: Sequence[Robot]) -> list[str]:
+    """`model.xml`, or `model_<stem>.xml` each; stems that repeat get a number."""
+    if len(robots) == 1:
+        return ["model.xml"]
+    names: list[str] = []
+    for robot in robots:
+        name, number = f"model_{robot.stem}.xml", 1
+        while name in names:
+            number += 1
+            name = f"model_{robot.stem}_{number}.xml"
+        names.append(name)
+    return names
+
+
+def _manifest(result: Result, names: Sequence[str]) -> str:
+    """The same recordings with the mended models, for `walkerkit compare`."""
+    parts = []
+    groups = zip(names, result.problem.fit.recordings, result.problem.held.recordings, strict=True)
+    for name, fitted, held in groups:
+        parts.append("[[experiment]]")
+        parts.append(f"model = {json.dumps(name)}")
+        listed = _files(fitted)
+        # Blocks of one recording in both halves: whoever reads this cuts it in the same way.
+        others = [file for file in _files(held) if file not in listed]
+        for key, files in (("recordings", listed), ("held_out", others)):
+            if files:
+                parts.append(f"{key} = {json.dumps(files, ensure_ascii=False)}")
+        parts.append("")
+    return "\n".join(parts)
+
+
+def _files(recordings: Sequence[Recording]) -> list[str]:
+    """The files that recordings, or parts of them, come from; each once."""
+    return list(dict.fromkeys(str(Path(r.source).resolve()) for r in recordings if r.source))
+
+
+def _copy_next_experiment(result: Result, folder: Path) -> None:
+    following = result.diagnosis.next_experiment
+    if following is not None and following.file and result.next_targets is not None:
+        result.next_targets.save(folder / following.file)

@@ -1,0 +1,229 @@
+"""What a diagnosis says, in sentences that the console and the report share.
+
+Names come from the user's files: characters that would not print are replaced, and whoever embeds
+the text in a format of its own (HTML, plotly, rich) escapes it there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from walkerkit.gap.report.diagnosis import Diagnosis, Estimate, Gap, GapSize, Location, NamedEffect
+from walkerkit.gap.report.locate import EVERYWHERE as EVERY_REGIME
+from walkerkit.gap.report.quantity import estimate_text, percent, quantity, span
+
+EVERYWHERE = "*"
+AT_BOUND = "at its bound"
+NOT_IDENTIFIABLE = "not determined"
+WARNINGS = {
+    AT_BOUND: "A value at its bound ran into the limit of its range: it is no estimate, without ±.",
+    NOT_IDENTIFIABLE: "A value that is not determined has no ±: others fit as well.",
+}
+TITLES = {
+    "explained": "Explained",
+    "partly_explained": "Partly explained",
+    "no_gap": "No gap",
+    "unexplained": "Unexplained",
+}
+
+_FEW = 4  # sites that a sentence lists
+_SHRUNK = 0.95  # a gap above this part of what it was has not visibly shrunk
+_PARTS_CLEARLY = 3.0  # standard deviations
+
+
+def label(name: str) -> str:
+    """A name from the user's files without characters that do not print."""
+    return "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in name)
+
+
+def words(name: str) -> str:
+    """A signal or regime in words: `velocity_reversal` is velocity reversal.
+
+    Effects and excitations keep the names under which the user finds them again.
+    """
+    return label(name).replace("_", " ")
+
+
+def listed(items: Sequence[str], last: str = "and") -> str:
+    """`a, b and c`."""
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+
+
+def site(name: str) -> str:
+    """A joint or body, or what `*` stands for."""
+    return "whole robot" if name == EVERYWHERE else label(name)
+
+
+def place(named: NamedEffect) -> str:
+    """Where an effect is: ` at calf`, ` of body shin`, ` of the whole robot`; may be empty."""
+    sites = named.joints or named.bodies
+    if not sites:
+        return ""
+    if sites == (EVERYWHERE,):
+        return " of the whole robot"
+    shown = [label(name) for name in sites]
+    if len(shown) > _FEW:
+        shown = [*shown[: _FEW - 1], f"{len(shown) - _FEW + 1} more"]
+    kind = " at " if named.joints else " of body " if len(sites) == 1 else " of bodies "
+    return kind + listed(shown)
+
+
+def step(named: NamedEffect) -> str:
+    """An effect and its place: `coulomb_friction at calf`."""
+    return label(named.effect) + place(named)
+
+
+def spot(at: Location) -> str:
+    """A joint and a regime: `calf (velocity reversal)`, or `calf` where no regime stands out."""
+    regime = "" if at.regime == EVERY_REGIME else f" ({words(at.regime)})"
+    return f"{site(at.joint)}{regime}"
+
+
+def estimate(of: Estimate) -> tuple[str, str, str]:
+    """An estimate as it is printed.
+
+    Returns:
+        The number, with ± only where it is an estimate; its unit; and a warning, or "".
+    """
+    text, unit = estimate_text(of.value, None if of.at_bound else of.std, of.unit)
+    if of.at_bound:
+        return text, unit, AT_BOUND
+    return text, unit, "" if "±" in text else NOT_IDENTIFIABLE
+
+
+def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What the warnings in the table of the estimates mean; empty where there are none."""
+    shown = {estimate(of)[2] for named in diagnosis.effects for of in named.parameters}
+    return tuple(meaning for warning, meaning in WARNINGS.items() if warning in shown)
+
+
+def title(diagnosis: Diagnosis) -> str:
+    """The verdict in a word or two."""
+    if not diagnosis.searched and diagnosis.verdict != "no_gap":
+        return "Gap"
+    return TITLES[diagnosis.verdict]
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """What was found, where, how sure, and how much the gap shrank."""
+    signal, size = telling(diagnosis.gap)
+    error = f"the {words(signal)} error"
+    noise = _floors(diagnosis.gap, signal, size)
+    before, after = span((size.before, size.after), size.unit)
+    if diagnosis.verdict == "no_gap":
+        return (
+            f"Nothing is missing from the model: {error} is {quantity(size.before, size.unit)}, "
+            f"and {noise}."
+        )
+    if diagnosis.verdict == "unexplained" or not diagnosis.effects:
+        where = spot(diagnosis.locations[0]) if diagnosis.locations else ""
+        subject = (
+            "No effect of the catalogue explains the gap"
+            if diagnosis.searched
+            else "Simulation and measurement disagree"
+        )
+        return (
+            f"{subject}: {error} is "
+            f"{quantity(size.before, size.unit)}, where {noise}"
+            f"{f'. It stands out most at {where}' if where else ''}."
+        )
+    complete = diagnosis.verdict == "explained"
+    left = "" if complete or not diagnosis.remaining else spot(diagnosis.remaining[0])
+    return (
+        f"{'The gap' if complete else 'Part of the gap'} is explained by "
+        f"{_found(diagnosis.effects)}: {error} shrinks from {before} to {after}, where {noise}"
+        f"{f'. What remains stands out most at {left}' if left else ''}."
+    )
+
+
+def signals(gap: Gap) -> dict[str, GapSize]:
+    """The gap of every signal, position first."""
+    others = {name: size for name, size in gap.signals.items() if name != "position"}
+    return {"position": gap.position} | others
+
+
+def size_columns(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What a table says of each gap; without effects there is no before and after."""
+    sizes = ("before", "after") if diagnosis.effects else ("gap",)
+    return (*sizes, "noise floor")
+
+
+def size_cells(diagnosis: Diagnosis, size: GapSize) -> tuple[str, ...]:
+    """One gap under the `size_columns`."""
+    sizes = (size.before, size.after) if diagnosis.effects else (size.before,)
+    return tuple(quantity(value, size.unit) for value in (*sizes, size.noise_floor))
+
+
+def telling(gap: Gap) -> tuple[str, GapSize]:
+    """The position gap, or the signal that shrank most where position hides the change."""
+    ratios = {
+        name: size.after / size.before for name, size in signals(gap).items() if size.before > 0
+    }
+    best = min(ratios, key=lambda name: ratios[name], default="position")
+    hidden = ratios.get("position", 1.0) > _SHRUNK and ratios.get(best, 1.0) <= _SHRUNK
+    return (best, gap.signals[best]) if hidden else ("position", gap.position)
+
+
+def basis(gap: Gap) -> str:
+    """On what the gap was measured."""
+    data = (
+        "on held-out recordings, which no fit has seen"
+        if gap.held_out
+        else "on the recordings that were fitted, so that it flatters the model"
+    )
+    replay = (
+        "over whole rollouts"
+        if gap.horizon is None
+        else f"over windows of {gap.horizon:g} s that restart from the measured state"
+    )
+    return f"Root-mean-square error, {data}, {replay}."
+
+
+def doubts(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """One sentence for each confusion set."""
+    return tuple(
+        f"With these recordings, {step(named)} cannot be told from "
+        f"{listed([label(other) for other in named.indistinguishable_from], 'or')}: each fits "
+        "equally well within the noise. The mended model moves like the robot either way, but the "
+        "cause, and the numbers given for it, may be another's."
+        for named in diagnosis.effects
+        if named.indistinguishable_from
+    )
+
+
+def advice(diagnosis: Diagnosis) -> str:
+    """What to record next, or "" where nothing needs it."""
+    wanted = diagnosis.next_experiment
+    if wanted is None:
+        return ""
+    sure = "" if wanted.separation >= _PARTS_CLEARLY else ", which may not be enough"
+    between = listed([label(name) for name in wanted.between])
+    file = (
+        f" Play {label(wanted.file)}, record it, and diagnose again with both."
+        if wanted.file
+        else " Record it, and diagnose again with both."
+    )
+    return (
+        f"The excitation {label(wanted.excitation)} would best tell {between} apart: their "
+        f"predictions differ by {wanted.separation:.1f} standard deviations of the noise{sure}."
+        f"{file}"
+    )
+
+
+def _found(effects: Sequence[NamedEffect]) -> str:
+    found = []
+    for named in effects:
+        others = [label(name) for name in named.indistinguishable_from]
+        doubt = f", could also be {listed(others, 'or')}" if others else ""
+        found.append(f"{step(named)} ({percent(named.confidence)} sure{doubt})")
+    return listed(found)
+
+
+def _floors(gap: Gap, signal: str, size: GapSize) -> str:
+    floor = quantity(size.noise_floor, size.unit)
+    noise = f"the noise of the measurement alone would leave {floor}"
+    if signal != "position" or gap.numerical_floor <= size.noise_floor:
+        return noise
+    return f"{noise} and the timestep of the simulation {quantity(gap.numerical_floor, size.unit)}"

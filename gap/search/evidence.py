@@ -1,0 +1,100 @@
+"""What held-out recordings say of a candidate: block bootstrap of the scores.
+
+The errors of a joint stay alike for a while, so stretches of half a second are resampled, not rows
+(Künsch, Annals of Statistics 17, 1989). Recordings that were fitted and recordings that were held
+out count the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.fit import Fit
+from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.problem import Problem
+
+FloatArray = NDArray[np.float64]
+
+_RESAMPLES = 400
+_SEED = 20260101
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """Scores of some fits under resampling.
+
+    Attributes:
+        mean_square: (n_fits, n_scored) mean square gaps of the held-out recordings.
+        held: (n_fits,) scores of the held-out recordings.
+        both: (n_fits,) means of the scores of fitted and of held-out recordings.
+        held_resampled, both_resampled: (n_resamples, n_fits).
+    """
+
+    mean_square: FloatArray
+    held: FloatArray
+    both: FloatArray
+    held_resampled: FloatArray
+    both_resampled: FloatArray
+
+    @classmethod
+    def joined(cls, parts: Sequence[Evidence]) -> Evidence:
+        """The fits of several pieces of evidence, one after the other."""
+        return cls(
+            mean_square=np.concatenate([part.mean_square for part in parts]),
+            held=np.concatenate([part.held for part in parts]),
+            both=np.concatenate([part.both for part in parts]),
+            held_resampled=np.concatenate([part.held_resampled for part in parts], axis=1),
+            both_resampled=np.concatenate([part.both_resampled for part in parts], axis=1),
+        )
+
+    def only(self, k: int) -> Evidence:
+        """That of fit `k` alone."""
+        return Evidence(
+            mean_square=self.mean_square[[k]],
+            held=self.held[[k]],
+            both=self.both[[k]],
+            held_resampled=self.held_resampled[:, [k]],
+            both_resampled=self.both_resampled[:, [k]],
+        )
+
+    def replaced(self, k: int, other: Evidence) -> Evidence:
+        """With that of fit `k` exchanged for another's only fit."""
+        parts = [self.only(i) for i in range(len(self.held))]
+        parts[k] = other
+        return Evidence.joined(parts)
+
+
+def weigh(problem: Problem, fits: Sequence[Fit]) -> Evidence:
+    """Simulates the fits on all recordings and resamples their scores."""
+    held, held_resampled, mean_square = _scores(problem.held.objective, fits)
+    fitted, fitted_resampled, _ = _scores(problem.fit.objective, fits)
+    return Evidence(
+        mean_square=mean_square,
+        held=held,
+        both=0.5 * (held + fitted),
+        held_resampled=held_resampled,
+        both_resampled=0.5 * (held_resampled + fitted_resampled),
+    )
+
+
+def _scores(objective: Objective, fits: Sequence[Fit]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    cases = [Case(structure=fit.structure, values=fit.values[None]) for fit in fits]
+    squares = np.stack(
+        [
+            objective.block_squares(residual[0])
+            for group in objective.grouped(cases)
+            for residual in objective.residuals(cases[group])
+        ]
+    )
+    counts = objective.block_counts()
+    rng = np.random.default_rng(_SEED)
+    drawn = rng.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), size=_RESAMPLES)
+    mean_square = squares.sum(axis=1) / objective.count
+    # A channel whose every sample was left out of a draw has no gap in it.
+    samples = np.maximum(drawn @ counts, 1)
+    resampled = np.einsum("rb,fbc->rfc", drawn, squares) / samples[:, None, :]
+    return objective.score(mean_square), objective.score(resampled), mean_square

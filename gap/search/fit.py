@@ -1,0 +1,197 @@
+"""Fitting many structures at once.
+
+Levenberg–Marquardt on the score of `objective`, every structure from its own start, with all
+perturbations of all structures simulated in one batch and all damping factors tried in another.
+Bounded; a trial that diverges scores infinity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.structure import Structure
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, float], None]  # what is being done, and how far it is (0 to 1)
+
+_PERTURBATION = 0.02  # of a parameter's scale
+_DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
+_CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
+_PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """A structure with its fitted values.
+
+    Attributes:
+        structure: the structure.
+        values: (n_parameters,).
+        score: its score on the recordings that were fitted.
+        mean_square: (n_scored,) mean square gaps on them.
+    """
+
+    structure: Structure
+    values: FloatArray
+    score: float
+    mean_square: FloatArray
+
+
+def evaluate(objective: Objective, fits: Sequence[tuple[Structure, FloatArray]]) -> list[Fit]:
+    """Simulates structures at given values, without fitting."""
+    cases = [Case(structure=s, values=v[None]) for s, v in fits]
+    found = []
+    for case, (mean_square,) in zip(cases, objective.mean_squares(cases), strict=True):
+        found.append(
+            Fit(
+                structure=case.structure,
+                values=case.values[0],
+                score=float(objective.score(mean_square)),
+                mean_square=mean_square,
+            )
+        )
+    return found
+
+
+def fit(
+    objective: Objective,
+    starts: Sequence[Fit],
+    *,
+    iterations: int = 8,
+    race: bool = False,
+    progress: Progress | None = None,
+    stage: str = "fitting",
+) -> list[Fit]:
+    """Improves every start until it converges.
+
+    Args:
+        objective: what to fit.
+        starts: structures with values and their score.
+        iterations: the most steps any of them may take.
+        race: give up on a structure that is too far behind the best to catch up at its pace.
+        progress: called before each step.
+        stage: what it is told.
+
+    Returns:
+        The fits, in the order of `starts`; none scores worse than it started.
+    """
+    best = list(starts)
+    active = [i for i, start in enumerate(best) if len(start.values) and np.isfinite(start.score)]
+    for iteration in range(iterations):
+        if not active:
+            break
+        if progress:
+            progress(stage, iteration / iterations)
+        normals = _normal_equations(objective, [best[i] for i in active])
+        cases = [
+            Case(structure=best[i].structure, values=_steps(best[i], *normal))
+            for i, normal in zip(active, normals, strict=True)
+        ]
+        gains: dict[int, float] = {}
+        for i, case, mean_square in zip(active, cases, objective.mean_squares(cases), strict=True):
+            scores = objective.score(mean_square)
+            k = int(np.argmin(scores))
+            gain = best[i].score - float(scores[k])
+            if gain > 0:
+                best[i] = replace(
+                    best[i],
+                    values=case.values[k],
+                    score=float(scores[k]),
+                    mean_square=mean_square[k],
+                )
+            gains[i] = gain
+        leader = min(one.score for one in best)
+        enough = _CONVERGED_IN_RACE if race else _CONVERGED
+        active = [
+            i
+            for i, gain in gains.items()
+            if gain > enough and (not race or best[i].score - leader < _PACES * gain)
+        ]
+    return best
+
+
+def _perturbed(current: Fit) -> tuple[FloatArray, FloatArray]:
+    """Values with one parameter moved each, away from its bound, and the signed moves."""
+    structure = current.structure
+    _, upper = structure.bounds
+    move = _PERTURBATION * structure.scale
+    move = np.where(current.values + move > upper, -move, move)
+    return current.values + np.diag(move), move
+
+
+def _normal_equations(
+    objective: Objective, fits: Sequence[Fit]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """JᵀWJ and JᵀWr of every fit, in units of the parameters' scales."""
+    moved = [_perturbed(one) for one in fits]
+    cases = [
+        Case(structure=one.structure, values=np.vstack([one.values, values]))
+        for one, (values, _) in zip(fits, moved, strict=True)
+    ]
+    equations = []
+    for group in objective.grouped(cases):
+        residuals = objective.residuals(cases[group])
+        for one, (_, move), residual in zip(fits[group], moved[group], residuals, strict=True):
+            jacobian = _jacobian(one, residual, move)
+            weighted = jacobian * objective.weights(one.mean_square)
+            flat = weighted.reshape(len(jacobian), -1)
+            equations.append(
+                (flat @ jacobian.reshape(len(jacobian), -1).T, flat @ residual[0].ravel())
+            )
+    return equations
+
+
+def _jacobian(one: Fit, residual: FloatArray, move: FloatArray) -> FloatArray:
+    """(n_parameters, rows, n_scored) per scale; zero for a perturbation that diverged."""
+    slope = (residual[1:] - residual[:1]) * (one.structure.scale / move)[:, None, None]
+    return np.where(np.isfinite(slope), slope, 0.0)
+
+
+def _steps(one: Fit, normal: FloatArray, gradient: FloatArray) -> FloatArray:
+    """One step per damping factor, within the bounds."""
+    lower, upper = one.structure.bounds
+    pushed_out = ((one.values <= lower) & (gradient > 0)) | ((one.values >= upper) & (gradient < 0))
+    free = ~pushed_out & (np.diag(normal) > 0)
+    steps = np.zeros((len(_DAMPING), len(gradient)))
+    if free.any():
+        a = normal[np.ix_(free, free)]
+        diagonal = np.diag(a)
+        # The second part keeps parameters that hardly matter from running away.
+        for k, damping in enumerate(_DAMPING):
+            ridge = damping * diagonal + 1e-9 * diagonal.max()
+            steps[k, free] = -np.linalg.solve(a + np.diag(ridge), gradient[free])
+    return np.clip(one.values + steps * one.structure.scale, lower, upper)
+
+
+def covariance(objective: Objective, one: Fit) -> tuple[FloatArray, FloatArray]:
+    """Covariance of the values, and how much each matters.
+
+    The errors of one joint stay alike for a while, so rows are not independent: the blocks of the
+    objective are (a cluster-robust sandwich, Liang and Zeger, Biometrika 73, 1986).
+
+    Args:
+        objective: the recordings that were fitted.
+        one: the fit.
+
+    Returns:
+        (n_parameters, n_parameters) covariance, and (n_parameters,) sensitivity: the change of the
+        score per squared scale, zero for a parameter of which the recordings say nothing.
+    """
+    values, move = _perturbed(one)
+    case = Case(structure=one.structure, values=np.vstack([one.values, values]))
+    (residual,) = objective.residuals([case])
+    jacobian = _jacobian(one, residual, move)
+    weighted = jacobian * objective.weights(one.mean_square)
+    normal = np.einsum("irc,jrc->ij", weighted, jacobian)
+    pull = np.einsum("irc,rc->ir", weighted, residual[0])
+    scores = np.stack([np.bincount(objective.block, weights=row) for row in pull])
+    blocks = scores.shape[1]
+    inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
+    meat = scores @ scores.T * (blocks / max(1, blocks - len(one.values)))
+    scale = np.diag(one.structure.scale)
+    return scale @ inverse @ meat @ inverse @ scale, np.diag(normal)

@@ -1,0 +1,192 @@
+"""How well a structure explains the recordings: residuals, and one score.
+
+The score is the mean over the measured channels of ½ log(mean square gap + floor²): the log of the
+geometric mean of their gaps. It is the profile likelihood of channels whose error variance is
+unknown, so neither units nor an optimistic noise estimate decide what counts; 0.05 less means
+gaps that are five per cent smaller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.structure import Structure
+from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.trials import Trials
+
+FloatArray = NDArray[np.float64]
+
+_MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
+_FACTORS = ((0.0, 3.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
+_SWEEPS = 30
+_LEAST_FLOOR = 1e-9  # of logs without any noise
+_BLOCK = 0.5  # s; longer than the memory of a joint's error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """Some values of a structure, to be simulated.
+
+    Attributes:
+        structure: the structure.
+        values: (n, n_parameters).
+    """
+
+    structure: Structure
+    values: FloatArray
+
+
+class Objective:
+    """Recordings of one or several robots, compared with what structures predict.
+
+    Args:
+        replays: one per robot, over the same channels.
+        scored: channels that count; the others are only simulated.
+        floor: (n_scored,) gap below which nothing is gained, in each channel's unit.
+
+    The simulation's own numerical error is a nuisance of every prediction. What a finer timestep
+    changes, and what another integrator changes then, are added to it by the factors that suit the
+    measurement best (the first 0 for a log from a simulation with the same timestep, 2 for a
+    machine, which has none, if the finer timestep is half). So no effect is named for an error
+    that a finer step removes.
+
+    Attributes:
+        numerical: (k, rows, n_scored) those changes; empty until `refine` finds them.
+        block: (rows,) index of the stretch of about half a second that a row belongs to.
+    """
+
+    def __init__(self, replays: Sequence[Replay], scored: Sequence[Channel], floor: FloatArray):
+        self.replays = tuple(replays)
+        self.channels = tuple(scored)
+        self.floor = np.maximum(floor, _LEAST_FLOOR)
+        self._columns = [replays[0].channels.index(channel) for channel in scored]
+        self.measured = np.concatenate([r.measured[:, self._columns] for r in replays])
+        self.numerical = np.zeros((0, *self.measured.shape))
+        # A channel that only other recordings have counts, but nothing can change its score.
+        self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
+        self.block = _blocks(replays)
+
+    def refine(self, finer: Sequence[Objective], case: Case) -> None:
+        """Takes the numerical error at some values as that of all that will be simulated.
+
+        Args:
+            finer: the same recordings replayed at a finer timestep, then also with another
+                integrator; none with numerical errors of its own taken out.
+            case: one row of values.
+        """
+        self.numerical = np.zeros((0, *self.measured.shape))
+        residuals = [one.residuals([case])[0][0] for one in (self, *finer)]
+        if all(np.isfinite(residual).all() for residual in residuals):
+            self.numerical = np.diff(np.stack(residuals), axis=0)
+
+    @property
+    def steps(self) -> int:
+        """Simulation steps of one evaluation."""
+        return sum(replay.steps for replay in self.replays)
+
+    def residuals(self, cases: Sequence[Case]) -> list[FloatArray]:
+        """Predicted minus measured, (n, rows, n_scored) a case; 0 where nothing was measured.
+
+        Rows of trials that diverged are NaN.
+        """
+        sizes = [len(case.values) for case in cases]
+        missing = np.isnan(self.measured)
+        stacks = []
+        for replay in self.replays:
+            blocks = [case.structure.trials(replay.robot, case.values) for case in cases]
+            predicted = replay.predict(Trials.joined(blocks))
+            stacks.append(predicted[:, :, self._columns])
+        residual = np.concatenate(stacks, axis=1) - self.measured
+        residual[:, missing] = 0.0
+        failed = np.stack([np.any(np.all(np.isnan(s), axis=2), axis=1) for s in stacks])
+        residual[np.any(failed, axis=0)] = np.nan
+        self._take_out_numerical_error(residual)
+        return np.split(residual, np.cumsum(sizes)[:-1])
+
+    def _take_out_numerical_error(self, residual: FloatArray) -> None:
+        """Adds the best multiples of the numerical changes to each (rows, n_scored) residual."""
+        if not self.numerical.any():
+            return
+        weights = 1 / (self.count * (self.mean_square(residual) + self.floor**2))
+        products = np.einsum("irc,jrc->ijc", self.numerical, self.numerical)
+        size = np.einsum("tc,ijc->tij", weights, products)
+        along = np.einsum(
+            "tc,itc->ti", weights, np.einsum("irc,trc->itc", self.numerical, residual)
+        )
+        factors = _bounded_least_squares(size, -along)
+        for factor, change in zip(factors.T, self.numerical, strict=True):
+            residual += factor[:, None, None] * change
+
+    def grouped(self, cases: Sequence[Case]) -> list[slice]:
+        """Consecutive cases whose residuals fit into memory together."""
+        row_bytes = 8 * self.measured.size
+        groups, start, size = [], 0, 0
+        for i, case in enumerate(cases):
+            need = row_bytes * len(case.values)
+            if size and size + need > _MEMORY:
+                groups.append(slice(start, i))
+                start, size = i, 0
+            size += need
+        return [*groups, slice(start, len(cases))]
+
+    def mean_squares(self, cases: Sequence[Case]) -> list[FloatArray]:
+        """(n, n_scored) mean square gaps a case, NaN for trials that diverged."""
+        return [
+            self.mean_square(residual)
+            for group in self.grouped(cases)
+            for residual in self.residuals(cases[group])
+        ]
+
+    def mean_square(self, residual: FloatArray) -> FloatArray:
+        """(..., rows, n_scored) residuals → (..., n_scored) mean squares."""
+        squares: FloatArray = np.einsum("...rc,...rc->...c", residual, residual) / self.count
+        return squares
+
+    def score(self, mean_square: FloatArray) -> FloatArray:
+        """(..., n_scored) mean squares → (...) scores; infinity for a trial that diverged."""
+        score = 0.5 * np.log(mean_square + self.floor**2).mean(axis=-1)
+        return np.where(np.isnan(score), np.inf, score)
+
+    def weights(self, mean_square: FloatArray) -> FloatArray:
+        """(n_scored,) factors that make ½ Σ w r² change as the score does near these gaps."""
+        size: FloatArray = self.count * (mean_square + self.floor**2) * len(self.channels)
+        return 1 / size
+
+    def block_squares(self, residual: FloatArray) -> FloatArray:
+        """(rows, n_scored) residuals → (n_blocks, n_scored) sums of squares."""
+        return np.stack(
+            [np.bincount(self.block, weights=column**2) for column in residual.T], axis=1
+        )
+
+    def block_counts(self) -> FloatArray:
+        """(n_blocks, n_scored) measured samples."""
+        present = np.isfinite(self.measured).astype(float)
+        return np.stack([np.bincount(self.block, weights=column) for column in present.T], axis=1)
+
+
+def _bounded_least_squares(matrix: FloatArray, target: FloatArray) -> FloatArray:
+    """Minimises ½ xᵀAx − bᵀx within `_FACTORS`, (t, k, k) and (t, k) → (t, k), by coordinates."""
+    x = np.zeros_like(target)
+    # A trial that diverged has no weights; it stays at zero.
+    matrix, target = np.nan_to_num(matrix), np.nan_to_num(target)
+    for _ in range(_SWEEPS):
+        for i, (low, high) in enumerate(_FACTORS[: x.shape[1]]):
+            diagonal = matrix[:, i, i]
+            rest = target[:, i] - np.einsum("tj,tj->t", matrix[:, i], x) + diagonal * x[:, i]
+            x[:, i] = np.clip(rest / np.where(diagonal > 0, diagonal, 1.0), low, high)
+    return x
+
+
+def _blocks(replays: Sequence[Replay]) -> NDArray[np.int64]:
+    labels, offset = [], 0
+    for replay in replays:
+        within = (replay.time_of_row / _BLOCK).astype(np.int64)
+        pairs = np.stack([replay.segment_of_row, within])
+        _, label = np.unique(pairs, axis=1, return_inverse=True)
+        labels.append(label.ravel() + offset)
+        offset += int(label.max()) + 1
+    return np.concatenate(labels)

@@ -1,0 +1,191 @@
+"""A structure: which effects are added, at which sites; its values are a plain vector.
+
+structure = Structure(terms=(Term(effect=CATALOGUE["armature"], sites=("knee",)),), robots=robots)
+trials = structure.trials(robot, values)      # values (n, n_parameters)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.effects import EVERYWHERE, Effect, Parameter
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Term:
+    """One effect at some sites.
+
+    Attributes:
+        effect: the effect.
+        sites: joints or bodies, or `("*",)`.
+        shared: one value for all sites instead of one each.
+    """
+
+    effect: Effect
+    sites: tuple[str, ...]
+    shared: bool = False
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Where each set of parameters belongs: the sites, or `*` for a shared one."""
+        return (EVERYWHERE,) if self.shared else self.sites
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slot:
+    """One number of a structure: a parameter of a term at a place."""
+
+    term: Term
+    place: str
+    parameter: Parameter
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Effects added to some robots that share the effects' values.
+
+    Attributes:
+        terms: what is added, in order.
+        robots: the robots; bounds are those that suit all of them.
+    """
+
+    terms: tuple[Term, ...]
+    robots: tuple[Robot, ...]
+
+    @cached_property
+    def slots(self) -> tuple[Slot, ...]:
+        """The structure's numbers, in the order of its values."""
+        return tuple(
+            Slot(term=term, place=place, parameter=parameter)
+            for term in self.terms
+            for place in term.places
+            for parameter in self._parameters(term, term.sites[0] if term.shared else place)
+        )
+
+    def _parameters(self, term: Term, site: str) -> tuple[Parameter, ...]:
+        """Parameters that suit all robots."""
+        per_robot = [term.effect.parameters(robot, site) for robot in self.robots]
+        return tuple(_common(same) for same in zip(*per_robot, strict=True))
+
+    @cached_property
+    def zero(self) -> FloatArray:
+        """(n_parameters,) values at which the robots are unchanged."""
+        return np.array([slot.parameter.zero for slot in self.slots])
+
+    @cached_property
+    def scale(self) -> FloatArray:
+        """(n_parameters,) typical sizes."""
+        return np.array([slot.parameter.scale for slot in self.slots])
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds, (n_parameters,) each."""
+        return (
+            np.array([slot.parameter.lower for slot in self.slots]),
+            np.array([slot.parameter.upper for slot in self.slots]),
+        )
+
+    def with_term(self, term: Term) -> Structure:
+        """The structure with one more term at its end."""
+        return Structure((*self.terms, term), self.robots)
+
+    def columns(self, term: Term, place: str | None = None) -> NDArray[np.int64]:
+        """Indices of the values of a term, or of a term at one of its places."""
+        return np.array(
+            [
+                i
+                for i, slot in enumerate(self.slots)
+                if slot.term is term and place in (None, slot.place)
+            ],
+            dtype=np.int64,
+        )
+
+    def trials(self, robot: Robot, values: FloatArray) -> Trials:
+        """The variants of a robot that these values make.
+
+        Args:
+            robot: one of the robots, or one with the same joints and bodies.
+            values: (n, n_parameters).
+
+        Returns:
+            n trials.
+        """
+        trials = Trials(robot, len(values))
+        for term in self.terms:
+            for site in term.sites:
+                columns = self.columns(term, EVERYWHERE if term.shared else site)
+                given = values[:, columns]
+                # Robots differ in what leaves them unchanged, such as the limits they have.
+                own = [parameter.zero for parameter in term.effect.parameters(robot, site)]
+                term.effect.apply(trials, site, np.where(given == self.zero[columns], own, given))
+        return trials
+
+
+def _common(same: Sequence[Parameter]) -> Parameter:
+    """One parameter of several robots: the tightest bounds of all, sized on the first."""
+    first = same[0]
+    lower, upper = max(p.lower for p in same), min(p.upper for p in same)
+    if not lower < upper:  # robots that moved far apart
+        return first
+
+    def inside(value: float) -> float:
+        return min(max(value, lower), upper)
+
+    return replace(
+        first,
+        zero=inside(first.zero),
+        lower=lower,
+        upper=upper,
+        starts=tuple(inside(start) for start in first.starts),
+    )
+
+
+def carried(values: FloatArray, source: Structure, target: Structure) -> FloatArray:
+    """Values of one structure as the start of another: what both have is kept, the rest is zero.
+
+    Args:
+        values: (n_parameters of source,).
+        source: where the values belong.
+        target: the other structure.
+
+    Returns:
+        (n_parameters of target,).
+    """
+
+    def key(slot: Slot) -> tuple[str, str, str]:
+        return slot.term.effect.name, slot.place, slot.parameter.name
+
+    known = {key(slot): value for slot, value in zip(source.slots, values, strict=True)}
+    shared = {(name, p): v for (name, place, p), v in known.items() if place == EVERYWHERE}
+    return np.array(
+        [
+            known.get(
+                key(slot),
+                shared.get((slot.term.effect.name, slot.parameter.name), slot.parameter.zero),
+            )
+            for slot in target.slots
+        ]
+    )
+
+
+def candidate_terms(
+    effects: Sequence[Effect], robots: Sequence[Robot], joints: Sequence[str]
+) -> tuple[Term, ...]:
+    """Every effect at all sites where it could act on all robots."""
+    terms = []
+    for effect in effects:
+        per_robot = [effect.sites(robot, joints) for robot in robots]
+        sites = tuple(site for site in per_robot[0] if all(site in other for other in per_robot))
+        if sites:
+            shared = effect.shared and len(sites) > 1
+            terms.append(Term(effect=effect, sites=sites, shared=shared))
+    return tuple(terms)

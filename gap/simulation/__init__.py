@@ -1,0 +1,1 @@
+"""The robot, variants of it, and the replay of recordings with them."""

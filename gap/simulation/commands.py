@@ -1,0 +1,104 @@
+"""The recorded commands as the controls of a simulation.
+
+Between samples a target is held, as a drive holds its last command, or interpolated, which comes
+closer to a loop that runs at the rate of the log; before the first sample it is the first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.actuators.drive import Drive, TargetKind
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.simulation.robot import Joint, Robot
+
+FloatArray = NDArray[np.float64]
+
+Hold = Literal["zero_order", "linear"]
+
+_KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
+_SAME_INSTANT = 1e-9  # s; a sample at a step's own instant counts, whatever the rounding
+
+
+@dataclass(frozen=True, kw_only=True)
+class Route:
+    """One target column and where it enters the simulation.
+
+    Attributes:
+        joint: the joint.
+        column: the column of the recording.
+        drive: the actuator that takes it, or None for effort applied to the joint beside it.
+    """
+
+    joint: Joint
+    column: str
+    drive: Drive | None
+
+
+def routes(robot: Robot, recording: Recording) -> tuple[Route, ...]:
+    """Finds for every target of the recording the actuator that takes it.
+
+    Raises:
+        InputError: a joint's actuator lacks its target, or a target has no actuator to go to.
+    """
+    source = str(recording.source or recording.name)
+    robot.check_joints(recording.joints, source)
+    found: list[Route] = []
+    for name in recording.joints:
+        joint = robot.joints[name]
+        targets = [kind for kind in _KINDS if f"{name}/{kind}_target" in recording.columns]
+        taken = {kind for kind in targets if joint.drive(kind) is not None}
+        for kind in targets:
+            if kind in taken or kind == "effort":
+                found.append(
+                    Route(joint=joint, column=f"{name}/{kind}_target", drive=joint.drive(kind))
+                )
+        if joint.drives and not taken:
+            wanted = " or ".join(f"`{name}/{drive.kind}_target`" for drive in joint.drives)
+            raise InputError(
+                f"{source}: joint {name!r} has a {joint.drives[0].kind} actuator in "
+                f"{robot.source}, but the recording has no {wanted}. Log that target, or give the "
+                "joint the actuator that its drive really has."
+            )
+        if not joint.drives and targets and "effort" not in targets:
+            raise InputError(
+                f"{source}: column `{name}/{targets[0]}_target` has no actuator in "
+                f"{robot.source}. Add a <{targets[0]}> actuator to joint {name!r}."
+            )
+    return tuple(found)
+
+
+def driven_by_effort(robot: Robot, recording: Recording) -> bool:
+    """Whether some joint has nothing but effort to hold it, so that whole rollouts run away."""
+    servoed = {
+        route.joint.name
+        for route in routes(robot, recording)
+        if route.drive is not None and route.drive.kind != "effort"
+    }
+    return any(name not in servoed for name in recording.joints)
+
+
+def between_samples(recording: Recording, column: str, time: FloatArray, hold: Hold) -> FloatArray:
+    """A target at some instants.
+
+    Args:
+        recording: the log.
+        column: name of a column.
+        time: (n,) instants [s].
+        hold: `zero_order` for the last sample at or before each, or `linear`.
+
+    Returns:
+        (n,) values.
+    """
+    # A part starts in the middle of a motion: what was commanded before is on its way.
+    recording = recording.whole
+    values = recording.columns[column]
+    if hold == "linear":
+        return np.interp(time, recording.time, values)
+    index = np.searchsorted(recording.time, time + _SAME_INSTANT, side="right") - 1
+    return values[np.maximum(index, 0)]

@@ -1,0 +1,257 @@
+"""Adding the named effects to the model, in MJCF where it can say them.
+
+    mended = mend(structure.trials(robot, values[None]))   # a Robot with its spec changed
+    write_model(mended, folder / "model.xml")              # and its assets beside it
+
+What MJCF cannot say (how targets enter scaled actuators, what the log shows of position and
+effort) goes to `actuators.json`; see `walkerkit.gap.simulation.sidecar`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
+from walkerkit.gap.simulation.trials import Trials, model_field
+
+Field = NDArray[Any]
+Writer = Callable[[mujoco.MjSpec, Robot, Field, Field], None]  # spec, robot, before, wanted
+SetJoint = Callable[[Any, Any, float], None]  # joint element, value, unit of its angles
+
+_LINEAR = 1  # interpolation of an actuator's delay
+_TOLERANCE = 1e-9
+_ASSETS = "assets"
+_DIGITS = 8  # more would show that colours are single precision
+
+
+def mend(trial: Trials) -> Robot:
+    """The robot with a variant's changes written into its spec.
+
+    Args:
+        trial: one variant of the robot as it was given.
+
+    Returns:
+        A robot whose compiled model has the changes; targets keep the meaning they had.
+
+    Raises:
+        ValueError: there are several variants.
+        RuntimeError: the model's own settings (such as a compiler option that recomputes masses)
+            keep a change from taking effect.
+    """
+    if trial.n != 1:
+        raise ValueError(f"{trial.n} variants make {trial.n} models; mend them one by one.")
+    robot = trial.robot
+    spec = robot.spec.copy()
+    spec.compile()  # gives the elements of the copy the ids of the compiled model
+    for name, wanted in trial.fields.items():
+        _WRITERS[name](spec, robot, model_field(robot.model, name), wanted[0])
+    for name, delay in trial.command_delay.items():
+        if delay[0] != 0:
+            _delay_commands(spec, robot.joints[name], float(delay[0]))
+    model = spec.compile()
+    for name, wanted in trial.fields.items():
+        if not np.allclose(model_field(model, name), wanted[0], rtol=_TOLERANCE, atol=_TOLERANCE):
+            raise RuntimeError(
+                f"{robot.source}: the model's settings keep `{name}` from being changed; "
+                "look for boundmass, boundinertia or balanceinertia in its compiler element"
+            )
+    return replace(
+        robot,
+        spec=spec,
+        model=model,
+        # Targets enter by the law of the model as it was given: a gain that is off by ten per cent
+        # is in the drive, not in the meaning of the command.
+        joints=robot.joints,
+        measurement=_measurement(trial),
+    )
+
+
+def write_model(robot: Robot, path: Path, taken: dict[str, Path | str] | None = None) -> None:
+    """Writes the robot's MJCF, and its mesh, texture and height field files beside it.
+
+    Args:
+        robot: the robot.
+        path: the file; assets go to `assets/` in its folder.
+        taken: names of assets that other models have put there; added to.
+    """
+    taken = {} if taken is None else taken
+    spec = robot.spec.copy()
+    pictures, shapes = spec.textures, [*spec.meshes, *spec.hfields, *spec.skins]
+    folders = [(pictures, spec.texturedir), (shapes, spec.meshdir)]
+    for elements, folder in folders:
+        for element in elements:
+            if element.file:
+                element.file = _copy_asset(robot, element.file, folder, path.parent, taken)
+    for texture in pictures:
+        texture.cubefiles = [
+            file and _copy_asset(robot, file, spec.texturedir, path.parent, taken)
+            for file in texture.cubefiles
+        ]
+    if taken:
+        spec.meshdir = spec.texturedir = _ASSETS
+        # MuJoCo reads the files once more as it writes.
+        spec.modelfiledir = str(path.parent)
+    with _more_digits():
+        text = spec.to_xml()
+    path.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def _more_digits() -> Iterator[None]:
+    """Has MuJoCo write eight digits instead of six, of which a long rollout shows the sixth.
+
+    The setting is there for MuJoCo's own tests; a version without it writes its six digits.
+    """
+    found = sorted(Path(mujoco.__file__).parent.glob("libmujoco.*"))
+    library = ctypes.CDLL(str(found[0])) if found else None
+    read = getattr(library, "_mjPRIVATE__get_xml_precision", None)
+    write = getattr(library, "_mjPRIVATE__set_xml_precision", None)
+    if read is None or write is None:
+        yield
+        return
+    digits = read()
+    write(_DIGITS)
+    try:
+        yield
+    finally:
+        write(digits)
+
+
+def _copy_asset(
+    robot: Robot, file: str, folder: str, target: Path, taken: dict[str, Path | str]
+) -> str:
+    """Copies one asset and returns the name it has there, unique among `taken`."""
+    spec = robot.spec
+    packed = next((key for key in (file, f"{folder}/{file}") if key in spec.assets), None)
+    source: Path | str = packed or (Path(spec.modelfiledir) / folder / file).resolve()
+    name, number = Path(file).name, 1
+    while taken.get(name, source) != source:
+        number += 1
+        name = f"{Path(file).stem}_{number}{Path(file).suffix}"
+    if name not in taken:
+        taken[name] = source
+        (target / _ASSETS).mkdir(exist_ok=True)
+        if packed is not None:
+            (target / _ASSETS / name).write_bytes(spec.assets[packed])
+        else:
+            shutil.copyfile(source, target / _ASSETS / name)
+    return name
+
+
+def _measurement(trials: Trials) -> dict[str, Measurement]:
+    return {
+        name: Measurement(
+            position_delay=float(trials.position_delay[name][0]),
+            effort_scale=float(trials.effort_scale[name][0]),
+            effort_offset=float(trials.effort_offset[name][0]),
+        )
+        for name in trials.robot.joints
+    }
+
+
+def _delay_commands(spec: mujoco.MjSpec, joint: Joint, delay: float) -> None:
+    for drive in joint.drives:
+        actuator = _by_id(spec.actuators, drive.actuator)
+        actuator.delay += delay
+        # One sample more than the delay spans, to interpolate between.
+        actuator.nsample = int(np.ceil(actuator.delay / spec.option.timestep - 1e-9)) + 1
+        actuator.interp = _LINEAR
+
+
+def _by_id(elements: Any, number: int) -> Any:
+    return next(element for element in elements if element.id == number)
+
+
+def _joint_writer(write: SetJoint, index: Callable[[Joint], int]) -> Writer:
+    """Writes what changed of a joint; `write` gets the unit of the spec's angles in radians."""
+
+    def writer(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+        for joint in robot.joints.values():
+            value = wanted[index(joint)]
+            if not np.array_equal(value, before[index(joint)]):
+                in_degrees = bool(spec.compiler.degree) and not joint.slide
+                write(_by_id(spec.joints, joint.id), value, np.pi / 180 if in_degrees else 1.0)
+
+    return writer
+
+
+def _set(name: str) -> SetJoint:
+    return lambda element, value, angle: setattr(element, name, value)
+
+
+def _set_angle(name: str) -> SetJoint:
+    return lambda element, value, angle: setattr(element, name, value / angle)
+
+
+def _set_first(name: str) -> SetJoint:
+    """Of a polynomial's coefficients the first."""
+
+    def write(element: Any, value: float, angle: float) -> None:
+        getattr(element, name)[0] = value
+
+    return write
+
+
+def _actuator_writer(name: str) -> Writer:
+    def writer(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+        for actuator in np.flatnonzero((wanted != before).reshape(len(wanted), -1).any(axis=1)):
+            element = _by_id(spec.actuators, int(actuator))
+            if name == "biastype":
+                element.biastype = mujoco.mjtBias(int(wanted[actuator]))
+            elif name == "forcelimited":
+                element.forcelimited = int(wanted[actuator])
+            else:
+                getattr(element, name)[: wanted.shape[1]] = wanted[actuator]
+
+    return writer
+
+
+def _write_mass(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+    model, compiler = robot.model, spec.compiler
+    bodies = np.flatnonzero(wanted != before)
+    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if compiler.inertiafromgeom == always or compiler.settotalmass > 0:
+        # These would undo the change, so all bodies say what they have come to.
+        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        compiler.settotalmass = -1
+        bodies = np.flatnonzero(before)
+    for body in bodies:
+        element = _by_id(spec.bodies, int(body))
+        element.explicitinertial = True
+        element.fullinertia = np.full(6, np.nan)
+        element.mass = wanted[body]
+        element.ipos, element.iquat = model.body_ipos[body], model.body_iquat[body]
+        element.inertia = model.body_inertia[body]
+
+
+def _write_gravity(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+    spec.option.gravity = wanted
+
+
+_WRITERS: Mapping[str, Writer] = {
+    "dof_damping": _joint_writer(_set_first("damping"), lambda joint: joint.dof),
+    "dof_frictionloss": _joint_writer(_set("frictionloss"), lambda joint: joint.dof),
+    "dof_armature": _joint_writer(_set("armature"), lambda joint: joint.dof),
+    "dof_solref": _joint_writer(_set("solref_friction"), lambda joint: joint.dof),
+    "dof_solimp": _joint_writer(_set("solimp_friction"), lambda joint: joint.dof),
+    "jnt_stiffness": _joint_writer(_set_first("stiffness"), lambda joint: joint.id),
+    "jnt_range": _joint_writer(_set_angle("range"), lambda joint: joint.id),
+    "qpos0": _joint_writer(_set_angle("ref"), lambda joint: joint.qpos),
+    "qpos_spring": _joint_writer(_set_angle("springref"), lambda joint: joint.qpos),
+    "body_mass": _write_mass,
+    "opt.gravity": _write_gravity,
+    **{
+        f"actuator_{name}": _actuator_writer(name)
+        for name in ("gainprm", "biasprm", "biastype", "forcerange", "forcelimited")
+    },
+}

@@ -1,0 +1,108 @@
+"""`actuators.json`: what the mended MJCF cannot say, beside the model that it belongs to.
+
+Per model: how targets in joint units become controls, what they are between samples, and what
+lies between a joint and its log. Loading a model reads the entry of its name from the file in the
+same folder.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
+
+FILE = "actuators.json"
+SCHEMA = 1
+
+
+def sidecar(robots: Mapping[str, Robot], named: list[dict[str, Any]]) -> dict[str, Any]:
+    """The content of actuators.json.
+
+    Args:
+        robots: model file name to the mended robot.
+        named: the named effects, as in diagnosis.json.
+    """
+    return {
+        "schema": SCHEMA,
+        "effects": named,
+        "models": {name: _entry(robot) for name, robot in robots.items()},
+    }
+
+
+def with_sidecar(robot: Robot, model_path: Path) -> Robot:
+    """The robot with what the file beside its model says; unchanged where there is none.
+
+    Raises:
+        InputError: the file is not one of ours, or names a joint that the model lacks.
+    """
+    path = model_path.parent / FILE
+    if not path.is_file():
+        return robot
+    try:
+        entry = json.loads(path.read_text(encoding="utf-8"))["models"].get(model_path.name)
+        if entry is None:
+            return robot
+        robot.check_joints([*entry["command"], *entry["measurement"]], str(path))
+        return replace(
+            robot,
+            hold=entry["hold"],
+            joints={name: _commanded(j, entry["command"]) for name, j in robot.joints.items()},
+            measurement={
+                name: Measurement(**{key: _finite(number) for key, number in values.items()})
+                for name, values in entry["measurement"].items()
+            },
+        )
+    except InputError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{path}: is no actuators.json of schema {SCHEMA} ({type(error).__name__}: {error}). "
+            "Write it with `walkerkit diagnose`, or move it away."
+        ) from None
+
+
+def _entry(robot: Robot) -> dict[str, Any]:
+    return {
+        "hold": robot.hold,
+        "command": {
+            # Targets go to the first drive of their kind.
+            name: {d.kind: {"slope": d.slope, "offset": d.offset} for d in reversed(joint.drives)}
+            for name, joint in robot.joints.items()
+            if joint.drives
+        },
+        "measurement": {
+            name: asdict(measured)
+            for name, measured in robot.measurement.items()
+            if measured != Measurement()
+        },
+    }
+
+
+def _commanded(joint: Joint, command: Mapping[str, Any]) -> Joint:
+    known = command.get(joint.name, {})
+    return replace(
+        joint,
+        drives=tuple(
+            replace(
+                drive,
+                slope=_finite(known[drive.kind]["slope"]),
+                offset=_finite(known[drive.kind]["offset"]),
+            )
+            if drive.kind in known
+            else drive
+            for drive in joint.drives
+        ),
+    )
+
+
+def _finite(value: Any) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{value!r} is not a finite number")
+    return number

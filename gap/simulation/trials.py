@@ -1,0 +1,94 @@
+"""Variants of one robot, side by side: what an effect changes when it is added.
+
+    trials = Trials(robot, n=3)
+    trials.field("dof_damping")[:, dof] += [0.0, 0.1, 0.2]
+    trials.command_delay["knee"] += 0.01
+
+A variant differs from the model in model fields (simulated without recompiling), in the way from
+the command to the drive, and in the way from the joint to the log. Each effect of the catalogue is
+a few lines that write here; replay and the writer of the mended model read it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.simulation.robot import Robot
+
+FloatArray = NDArray[np.float64]
+
+
+class Trials:
+    """`n` variants of one robot; arrays have one row each.
+
+    Args:
+        robot: the robot as it is.
+        n: number of variants.
+
+    Attributes:
+        command_delay: joint to (n,) extra age of its targets at the drive [s].
+        position_delay: joint to (n,) age of its logged position and velocity [s].
+        effort_scale: joint to (n,) logged effort over the drive's effort at the joint.
+        effort_offset: joint to (n,) added to the logged effort [N·m].
+        fields: model field to its (n, *shape) values, of the fields that were asked for.
+    """
+
+    def __init__(self, robot: Robot, n: int):
+        self.robot = robot
+        self.n = n
+        self.command_delay = {name: np.zeros(n) for name in robot.joints}
+        known = {name: robot.measured(name) for name in robot.joints}
+        self.position_delay = {j: np.full(n, known[j].position_delay) for j in known}
+        self.effort_scale = {j: np.full(n, known[j].effort_scale) for j in known}
+        self.effort_offset = {j: np.full(n, known[j].effort_offset) for j in known}
+        self.fields: dict[str, NDArray[Any]] = {}
+
+    def field(self, name: str) -> NDArray[Any]:
+        """The (n, *shape) values of a model field, or of an `opt.` field, to write to."""
+        if name not in self.fields:
+            self.fields[name] = self.own(name)
+        return self.fields[name]
+
+    def own(self, name: str) -> NDArray[Any]:
+        """The (n, *shape) values that the model itself has."""
+        return np.repeat(model_field(self.robot.model, name)[None], self.n, axis=0)
+
+    def rows(self, rows: slice) -> Trials:
+        """Some of the variants."""
+        part = Trials(self.robot, len(range(*rows.indices(self.n))))
+        for mine, theirs in zip(self._columns(), part._columns(), strict=True):
+            theirs.update({name: values[rows] for name, values in mine.items()})
+        return part
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Trials]) -> Trials:
+        """The variants of several blocks of one robot, one after the other."""
+        whole = cls(blocks[0].robot, sum(block.n for block in blocks))
+        for name in dict.fromkeys(name for block in blocks for name in block.fields):
+            for block in blocks:
+                block.field(name)
+        for k, columns in enumerate(whole._columns()):
+            parts = [block._columns()[k] for block in blocks]
+            columns.update({name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
+        return whole
+
+    def _columns(self) -> tuple[dict[str, NDArray[Any]], ...]:
+        return (
+            self.command_delay,
+            self.position_delay,
+            self.effort_scale,
+            self.effort_offset,
+            self.fields,
+        )
+
+
+def model_field(model: mujoco.MjModel, name: str) -> NDArray[Any]:
+    """A field of the model, or with the prefix `opt.` of its options, as an array."""
+    if name.startswith("opt."):
+        return np.asarray(getattr(model.opt, name.removeprefix("opt.")))
+    return np.asarray(getattr(model, name))

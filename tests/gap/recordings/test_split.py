@@ -1,0 +1,99 @@
+"""What is fitted and what is held out."""
+
+import numpy as np
+import pytest
+
+from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.split import split, split_in_time
+
+
+def recording(name, time=None):
+    time = 3.0 + np.arange(0, 6, 0.01) if time is None else time
+    columns = {"knee/position": np.sin(time), "knee/position_target": np.cos(time)}
+    return Recording(name=name, time=time, columns=columns)
+
+
+def experiment(*names, held_out=(), model="leg.xml"):
+    return Experiment(
+        model=model,
+        recordings=tuple(recording(name) for name in names),
+        held_out=frozenset(held_out),
+    )
+
+
+def names(groups):
+    return [[r.name for r in group] for group in groups]
+
+
+def test_what_was_declared_is_held_out_and_nothing_else():
+    fitted, held = split([experiment("a", "b", "c", "d", held_out=["b"])])
+    assert names(fitted) == [["a", "c", "d"]]
+    assert names(held) == [["b"]]
+
+
+def test_what_one_experiment_declares_counts_for_all():
+    fitted, held = split([experiment("a", "b", "c"), experiment("d", "e", held_out=["d", "e"])])
+    assert names(fitted) == [["a", "b", "c"], []]
+    assert names(held) == [[], ["d", "e"]]
+
+
+@pytest.mark.parametrize(
+    ("given", "fitted", "held"),
+    [
+        (["abc"], ["ab"], ["c"]),
+        (["abcdefg"], ["abdeg"], ["cf"]),
+        (["ab", "c"], ["ab", ""], ["", "c"]),
+        (["a", "bcd", "ef"], ["a", "bd", "e"], ["", "c", "f"]),
+    ],
+)
+def test_every_third_of_three_or_more_is_held_out_over_all_experiments(given, fitted, held):
+    found = split([experiment(*letters) for letters in given])
+    assert [["".join(group) for group in names(half)] for half in found] == [fitted, held]
+
+
+@pytest.mark.parametrize("given", [["a"], ["ab"], ["a", "b"]])
+def test_one_or_two_recordings_are_split_in_time(given):
+    experiments = [experiment(*letters) for letters in given]
+    fitted, held = split(experiments)
+    assert (names(fitted), names(held)) == tuple(map(names, split_in_time(experiments)))
+    for one, mine, others in zip(experiments, fitted, held, strict=True):
+        for whole in one.recordings:
+            parts = [r for r in (*mine, *others) if r.name.startswith(f"{whole.name}[")]
+            parts.sort(key=lambda part: part.time[0])
+            # Every sample is in exactly one block.
+            for name in whole.columns:
+                together = np.concatenate([part.columns[name] for part in parts])
+                np.testing.assert_array_equal(together, whole.columns[name])
+            late = [part for part in parts if part in others]
+            assert sum(len(part.time) for part in late) == pytest.approx(200, abs=2)
+            # Both halves see the recording early and late.
+            assert late[0].time[-1] < 3 + 3.1
+            assert late[-1].time[-1] == whole.time[-1]
+    everything = [r.name for half in (fitted, held) for group in half for r in group]
+    assert len(set(everything)) == len(everything)
+
+
+@pytest.mark.parametrize(
+    ("time", "blocks"),
+    [
+        (np.arange(0, 1.2, 0.01), 3),
+        (np.arange(0, 2.2, 0.01), 4),
+        (np.arange(0, 100, 0.1), 6),
+        (0.01 * np.arange(6), 3),
+        (np.r_[np.arange(0, 1, 0.01), np.arange(90, 91, 0.01)], 6),
+    ],
+    ids=["short", "a little longer", "long", "tiny", "with a gap"],
+)
+def test_blocks_are_neither_too_short_nor_empty(time, blocks):
+    one = Experiment(model="leg.xml", recordings=(recording("a", time),))
+    (fitted,), (held,) = split_in_time([one])
+    assert len(fitted) + len(held) == blocks
+    assert held
+    assert min(len(part.time) for part in (*fitted, *held)) >= 2
+    assert sum(len(part.time) for part in (*fitted, *held)) == len(time)
+
+
+def test_splitting_twice_is_the_same():
+    first, second = (split([experiment("a")]) for _ in range(2))
+    assert tuple(map(names, first)) == tuple(map(names, second))

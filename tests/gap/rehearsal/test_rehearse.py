@@ -1,0 +1,179 @@
+"""Rehearsals and the demonstration: what they record, what they hide, and that it is found."""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from walkerkit.gap import cli, workflow
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.rehearsal import demo
+from walkerkit.gap.rehearsal.hidden import HIDEABLE
+from walkerkit.gap.rehearsal.rehearse import EXPERIMENTS, LONGEST, RATE, Rehearsal, rehearse
+from walkerkit.walkers.leg import LEG_XML
+
+ARM = """
+<mujoco model="arm">
+  <compiler angle="radian"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder" axis="0 1 0" armature="0.01" range="-1 2" limited="true"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.25" size="0.02" mass="0.6"/>
+      <body name="lower" pos="0 0 -0.25">
+        <joint name="elbow" axis="0 1 0" armature="0.01"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position joint="elbow" kp="20" kv="0.5"/>
+    <position joint="shoulder" kp="30" kv="1"/>
+  </actuator>
+  <keyframe><key name="home" qpos="1.8 0.7"/></keyframe>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    return path
+
+
+def same(one: Rehearsal, other: Rehearsal) -> bool:
+    return [str(h) for h in one.hidden] == [str(h) for h in other.hidden] and all(
+        np.array_equal(a.columns[name], b.columns[name])
+        for a, b in zip(one.recordings, other.recordings, strict=True)
+        for name in a.columns
+    )
+
+
+def test_it_records_every_experiment_with_all_signals(arm: Path) -> None:
+    rehearsal = rehearse(arm, ["none"], seconds=1.5)
+    assert rehearsal.hidden == ()
+    assert tuple(recording.name for recording in rehearsal.recordings) == EXPERIMENTS
+    for recording in rehearsal.recordings:
+        assert set(recording.joints) == {"shoulder", "elbow"}
+        assert len(recording.time) == 1.5 * RATE
+        assert recording.rate == pytest.approx(RATE)
+        for joint in recording.joints:
+            for signal in ("position", "velocity", "effort", "position_target"):
+                assert recording.signal(joint, signal) is not None
+
+
+def test_targets_stay_around_home_and_inside_the_joints_range(arm: Path) -> None:
+    for recording in rehearse(arm, ["none"], seconds=3.0).recordings:
+        shoulder = recording.columns["shoulder/position_target"]
+        elbow = recording.columns["elbow/position_target"]
+        # 35 % of the shoulder's 3 rad around its home at 1.8, which is close to the stop at 2.
+        assert 1.8 - 0.525 - 1e-9 <= shoulder.min() < shoulder.max() <= 2.0
+        # The elbow has no range.
+        assert 0.7 - 0.5 - 1e-9 <= elbow.min() < elbow.max() <= 0.7 + 0.5 + 1e-9
+
+
+def test_a_seed_gives_the_same_rehearsal_and_another_seed_another(arm: Path) -> None:
+    one, again, other = (rehearse(arm, seed=seed, seconds=1.0) for seed in (3, 3, 4))
+    assert same(one, again)
+    assert not same(one, other)
+
+
+def test_by_default_one_effect_is_drawn(arm: Path) -> None:
+    drawn = [rehearse(arm, seed=seed, seconds=1.0).hidden for seed in range(4)]
+    assert {len(hidden) for hidden in drawn} == {1}
+    assert len({hidden[0].effect for hidden in drawn} & set(HIDEABLE)) > 2
+
+
+def test_what_is_hidden_shows_in_the_recordings(arm: Path) -> None:
+    nothing = rehearse(arm, ["none"], seed=1, seconds=1.0)
+    biased = rehearse(arm, ["torque_bias"], seed=1, seconds=1.0)
+    for one, other in zip(nothing.recordings, biased.recordings, strict=True):
+        moved = 0.0
+        for joint in one.joints:
+            target = f"{joint}/position_target"
+            np.testing.assert_array_equal(one.columns[target], other.columns[target])
+            position = f"{joint}/position"
+            moved += float(np.abs(one.columns[position] - other.columns[position]).mean())
+        assert moved > 1e-3
+
+
+def test_several_effects_can_be_hidden_at_once(arm: Path) -> None:
+    hidden = rehearse(arm, ["torque_bias", "none", "payload"], seconds=1.0).hidden
+    assert [effect.effect for effect in hidden] == ["torque_bias", "payload"]
+
+
+def test_what_cannot_be_rehearsed_is_refused(arm: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="'backlash' cannot be hidden; choose from none, viscous"):
+        rehearse(arm, ["backlash"])
+    for seconds in (0.0, 0.99, -1.0, float("nan"), float("inf"), 1.01 * LONGEST):
+        with pytest.raises(InputError, match=f"seconds is {seconds:g}"):
+            rehearse(arm, seconds=seconds)
+    with pytest.raises(InputError, match="no such model file"):
+        rehearse(tmp_path / "none.xml")
+    motor = tmp_path / "motor.xml"
+    motor.write_text(ARM.replace('position joint="elbow" kp="20" kv="0.5"', 'motor joint="elbow"'))
+    with pytest.raises(InputError, match="position servo"):
+        rehearse(motor)
+
+
+# The demonstration
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Experiments of 2 s instead of 10, to be quick."""
+    monkeypatch.setattr(demo, "rehearse", functools.partial(rehearse, seconds=2.0))
+
+
+@pytest.mark.usefixtures("short")
+def test_the_demonstration_finds_what_it_hid() -> None:
+    told: list[str] = []
+    result, rehearsal = demo.run(
+        seed=1, hide=["sensor_delay"], n_threads=1, progress=lambda stage, done: told.append(stage)
+    )
+    (hidden,) = rehearsal.hidden
+    (named,) = result.diagnosis.effects
+    assert named.effect == hidden.effect == "sensor_delay"
+    assert named.parameters[0].value == pytest.approx(hidden.values["delay"], rel=0.1)
+    assert result.diagnosis.verdict == "explained"
+    assert set(result.diagnosis.recordings) == set(EXPERIMENTS)
+    assert result.problem.robots[0].source == str(LEG_XML)
+    assert told[0] == "recording the leg"
+
+
+@pytest.mark.usefixtures("short")
+def test_the_demonstration_raises_no_false_alarm() -> None:
+    result, rehearsal = demo.run(seed=0, hide=["none"], n_threads=1)
+    assert rehearsal.hidden == ()
+    assert result.diagnosis.effects == ()
+    assert result.diagnosis.verdict == "no_gap"
+
+
+@pytest.mark.usefixtures("short")
+def test_the_command_says_what_was_hidden_and_where_to_look(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    arguments = ["demo", "--hide", "none", "--seed", "2", "--out", str(out), "--threads", "1"]
+    monkeypatch.setattr(sys, "argv", ["walkerkit", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    captured = capsys.readouterr()
+    assert not ended.value.code
+    assert captured.err == ""
+    *_, hidden, look = captured.out.splitlines()
+    assert hidden == "What was hidden: nothing"
+    assert look == f"Look at {out / 'report.html'}"
+    assert json.loads((out / "diagnosis.json").read_text())["verdict"] == "no_gap"
+    assert {"report.html", "model.xml", "actuators.json"} <= {file.name for file in out.iterdir()}
+    # Whoever wants to can do the same by hand.
+    files = [out / "recordings" / f"{name}.csv" for name in EXPERIMENTS]
+    again = workflow.compare(out / "leg.xml", files, n_threads=1)
+    content = json.loads((out / "diagnosis.json").read_text())
+    assert again.gap.position.before == pytest.approx(content["gap"]["before"], rel=1e-5)

@@ -1,0 +1,95 @@
+"""The diagnosis as plain text."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from walkerkit.gap.report.console import as_text, render
+from walkerkit.gap.report.diagnosis import Diagnosis, Verdict
+
+LegDiagnosis = Callable[..., Diagnosis]
+
+
+def row(text: str, start: str) -> str:
+    """The first line that starts so, with single spaces."""
+    return next(" ".join(line.split()) for line in text.splitlines() if line.startswith(start))
+
+
+def test_verdict_tables_and_notes(leg: LegDiagnosis) -> None:
+    text = as_text(leg())
+    assert text.startswith(
+        "Explained. The gap is explained by coulomb_friction at calf (98 % sure)"
+    )
+    assert row(text, "calf") == "calf velocity reversal 50 % 8.3×"
+    assert row(text, "coulomb") == (
+        "coulomb_friction calf frictionloss 0.152 ± 0.004 N·m 98 % 1.1 mrad"
+    )
+    assert row(text, "position") == "position 6.6 mrad 1.1 mrad 1.0 mrad"
+    assert row(text, "effort") == "effort 0.52 N·m 0.041 N·m 0.030 N·m"
+    assert row(text, "1.") == (
+        "1. The velocity of hip was not recorded; the gap was taken from its position alone."
+    )
+
+
+def test_only_the_first_three_locations(leg: LegDiagnosis) -> None:
+    text = as_text(leg())
+    where = text.partition("Where")[2].partition("Effects")[0]
+    assert len(where.split("\n")) - 5 == 3
+    assert "50 %" in where
+
+
+def test_doubts_bounds_and_bodies(confused: Diagnosis) -> None:
+    text = as_text(confused)
+    assert row(text, "payload  ") == "payload body shin mass 0.500 (at its bound) kg 91 % 2.4 mrad"
+    assert "it is no estimate, without ±" in text
+    assert row(text, "command_delay  ") == (
+        "command_delay whole robot delay 12.34 ± 0.20 ms 52 % 3.1 mrad"
+    )
+    flat = " ".join(text.split())
+    assert "cannot be told from sensor_delay or setpoint_filter" in flat
+    assert "The excitation disturbed_hold would best tell" in flat
+    assert "2. The recordings share one pose." in text
+
+
+@pytest.mark.parametrize("verdict", ["no_gap", "unexplained"])
+def test_without_effects_there_is_no_after(leg: LegDiagnosis, verdict: Verdict) -> None:
+    text = as_text(replace(leg(), verdict=verdict, effects=(), locations=(), notes=()))
+    assert row(text, "signal") == "signal gap noise floor"
+    for absent in ("Effects", "Where", "Notes", "mended"):
+        assert absent not in text
+
+
+def test_names_are_not_markup_and_cannot_drive_the_terminal(leg: LegDiagnosis) -> None:
+    text = as_text(leg(joints=("hip", "thigh", "[red]\x1b[2Jcalf")))
+    assert "\x1b" not in text
+    assert row(text, "[red]�[2Jcalf").startswith("[red]�[2Jcalf velocity reversal")
+
+
+@pytest.mark.parametrize("width", [60, 100])
+def test_lines_fit(confused: Diagnosis, width: int) -> None:
+    assert max(len(line) for line in as_text(confused, width).splitlines()) <= width
+
+
+def test_the_text_is_the_same_in_every_terminal(
+    confused: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = as_text(confused)
+    for name, value in {"FORCE_COLOR": "1", "COLUMNS": "40", "TERM": "xterm-256color"}.items():
+        monkeypatch.setenv(name, value)
+    assert as_text(confused) == plain
+    assert "\x1b" not in plain
+
+
+def test_colour_only_repeats_what_the_words_say(leg: LegDiagnosis) -> None:
+    out = io.StringIO()
+    console = Console(file=out, width=100, force_terminal=True, color_system="truecolor")
+    console.print(render(leg()))
+    assert "\x1b[1;32m" in out.getvalue()
+    coloured = re.sub(r"\x1b\[[0-9;]*m", "", out.getvalue())
+    assert [line.rstrip() for line in coloured.splitlines()] == as_text(leg()).splitlines()

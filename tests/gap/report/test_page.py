@@ -1,0 +1,272 @@
+"""The report: one file, nothing fetched, names are text, and a real browser draws it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.report.diagnosis import Diagnosis, Verdict
+from walkerkit.gap.report.page import write_report
+
+LegDiagnosis = Callable[..., Diagnosis]
+HOSTILE = (
+    "<img src=x onerror=\"document.title='pwned'\">",
+    "hip' \" %{x} $\\alpha$ &amp; <!-- [red]",
+    "</script><script>document.title='pwned'</script>",
+)
+CHROMIUM = shutil.which("chromium")
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not on PATH")
+
+
+@dataclass
+class Page(HTMLParser):
+    """Tags with their attributes, the text that a reader sees, and the scripts."""
+
+    source: str
+    tags: list[tuple[str, dict[str, str | None]]] = field(default_factory=list)
+    scripts: list[str] = field(default_factory=list)
+    styles: list[str] = field(default_factory=list)
+    words: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__init__()
+        self._open = ""
+        self.feed(self.source)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._open = tag
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        self._open = ""
+
+    def handle_data(self, data: str) -> None:
+        {"script": self.scripts, "style": self.styles}.get(self._open, self.words).append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join("".join(self.words).split())
+
+    def attributes(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def read(diagnosis: Diagnosis, folder: Path, title: str = "leg.xml") -> Page:
+    path = folder / "report.html"
+    write_report(diagnosis, path, title=title, catalogue=CATALOGUE)
+    return Page(path.read_text(encoding="utf-8"))
+
+
+def test_sections_from_the_verdict_to_the_use(leg: LegDiagnosis, tmp_path: Path) -> None:
+    page = read(leg(), tmp_path)
+    order = (
+        *("Explained", "The gap is explained by coulomb_friction at calf (98 % sure)"),
+        *("from 6.6 to 1.1 mrad", "How the gap shrank", "Where the gap is", "What remains"),
+        *("Simulated against measured", "What was added to the model", "0.152 ± 0.004 N·m"),
+        *("What was considered", "What cannot be told apart", "Notes", "How to use the model"),
+        *("walkerkit compare model.xml RECORDING...", "actuators.json", "chirp, steps, walk"),
+    )
+    places = [page.text.find(part, page.text.index("leg.xml") + 7) for part in order]
+    assert places == sorted(places), dict(zip(order, places, strict=True))
+    assert -1 not in places
+    assert CATALOGUE["coulomb_friction"].equation in page.text
+    assert {"name": "viewport", "content": "width=device-width, initial-scale=1"} in (
+        page.attributes("meta")
+    )
+    assert "@media print" in page.styles[0]
+
+
+def test_held_out_traces_come_first_and_the_worst_joint_is_shown(
+    leg: LegDiagnosis, tmp_path: Path
+) -> None:
+    page = read(leg(), tmp_path)
+    assert [group["label"] for group in page.attributes("optgroup")] == ["held out", "fitted"]
+    options = page.attributes("option")
+    assert len(options) == 9
+    assert [index for index, option in enumerate(options) if "selected" in option] == [2]
+    traces = json.loads(page.scripts[1])
+    assert len(traces) == 9
+    assert traces[2]["layout"]["yaxis2.title.text"] == "error [mrad]"
+
+
+def test_candidates_are_ranked_and_say_by_how_much_they_lost(
+    leg: LegDiagnosis, confused: Diagnosis, tmp_path: Path
+) -> None:
+    text = read(leg(), tmp_path).text
+    assert "coulomb_friction83 %named backlash79 %4lost" in text
+    assert "4 more" in text
+    assert "loop_delaydivergedlost" in text
+    text = read(confused, tmp_path).text
+    assert "Round 2" in text
+    assert "sensor_delay24 %0cannot be told apart" in text
+
+
+def test_bounds_doubts_and_the_next_experiment(confused: Diagnosis, tmp_path: Path) -> None:
+    text = read(confused, tmp_path).text
+    assert "massshin0.500 kg⚠ at its bound" in text
+    assert "0.500 ±" not in text
+    assert "cannot be told from sensor_delay or setpoint_filter" in text
+    assert "The excitation disturbed_hold would best tell" in text
+    assert "body mass + Δm" in text  # payload's equation
+
+
+@pytest.mark.parametrize("verdict", ["no_gap", "unexplained"])
+def test_reads_well_with_nothing_found(leg: LegDiagnosis, tmp_path: Path, verdict: Verdict) -> None:
+    empty = replace(leg(), verdict=verdict, effects=(), locations=(), remaining=(), traces=())
+    page = read(replace(empty, considered=(), notes=(), recordings=()), tmp_path)
+    assert "The gap and its floors" in page.text
+    assert "No signals were kept for this report." in page.text
+    assert "model.xml" not in page.text
+    assert "after" not in page.text
+    assert set(json.loads(page.scripts[0])) == {"steps"}
+    assert not page.attributes("select")
+
+
+def test_names_come_out_as_text(leg: LegDiagnosis, tmp_path: Path) -> None:
+    diagnosis = leg(joints=HOSTILE, samples=100)
+    notes = (f"about {HOSTILE[2]}",)
+    page = read(
+        replace(diagnosis, notes=notes, recordings=HOSTILE), tmp_path, title=f"{HOSTILE[0]}.xml"
+    )
+    assert len(page.scripts) == 4  # two of data, plotly.js and ours
+    assert not page.attributes("img")
+    assert all(f"position, {name}" in page.text for name in HOSTILE)
+    assert f"about {HOSTILE[2]}" in page.text
+    figures = json.loads(page.scripts[0])
+    assert "&lt;/script&gt;" in figures["located"]["data"][0]["hovertext"][2][0]
+    for data in page.scripts[:2]:
+        assert "<" not in data
+
+
+def test_nothing_is_fetched(leg: LegDiagnosis, tmp_path: Path) -> None:
+    page = read(leg(), tmp_path)
+    loading = {"link", "img", "iframe", "object", "embed", "video", "audio", "source", "base"}
+    assert not loading & {tag for tag, _ in page.tags}
+    assert not [
+        name for _, attributes in page.tags for name in ("src", "href") if name in attributes
+    ]
+    assert not re.search(r"@import|url\(", page.styles[0])
+    assert not re.search(r"fetch|XMLHttpRequest|import\(|https?:", page.scripts[3])
+    (policy,) = (m["content"] for m in page.attributes("meta") if "http-equiv" in m)
+    assert policy is not None
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert "http" not in policy
+    assert "unsafe-inline" not in policy.partition("script-src")[2].partition(";")[0]
+
+
+def test_same_diagnosis_same_bytes_but_for_the_seconds(leg: LegDiagnosis, tmp_path: Path) -> None:
+    def written(seconds: float) -> bytes:
+        path = tmp_path / "report.html"
+        write_report(leg(seconds=seconds), path, title="leg.xml")
+        return path.read_bytes()
+
+    first, again, slower = written(12.3), written(12.3), written(99.9)
+    assert first == again
+    assert first != slower
+    assert first == slower.replace(b"Diagnosed in 99.9 s.", b"Diagnosed in 12.3 s.")
+
+
+def test_the_lines_that_load_the_model_run(
+    leg: LegDiagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_report(leg(), tmp_path / "report.html", title="leg.xml")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    found = re.search(r'<code id="load">(.*?)</code>', page, re.DOTALL)
+    assert found is not None
+    (tmp_path / "model.xml").write_text(
+        "<mujoco><worldbody><body><joint name='calf'/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(found[1], names)
+    assert names["model"].joint("calf").id == 0  # type: ignore[attr-defined]
+    assert names["robot"].find("joint", "calf").name == "calf"  # type: ignore[attr-defined]
+
+
+def browse(path: Path, *options: str) -> tuple[str, list[str]]:
+    """The document as headless Chromium leaves it, and what it wrote to the console."""
+    command = [
+        *(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic"),
+        *("--no-first-run", "--disable-background-networking", "--disable-component-update"),
+        *(
+            "--disable-sync",
+            f"--user-data-dir={path.parent / 'profile'}",
+            "--window-size=1200,2000",
+        ),
+        *("--enable-logging=stderr", "--virtual-time-budget=5000", "--dump-dom", *options),
+    ]
+    done = subprocess.run(
+        [*command, path.as_uri()], capture_output=True, text=True, timeout=60, check=True
+    )
+    return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+
+@needs_browser
+def test_a_browser_draws_the_plots_and_runs_no_name(leg: LegDiagnosis, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_report(leg(joints=HOSTILE), path, title=HOSTILE[2])
+    dom, console = browse(path)
+    assert console == []
+    assert "<title>Explained: &lt;/script&gt;" in dom
+    assert dom.count('<svg class="main-svg"') == 3 * 4  # plotly draws each plot in three layers
+    assert dom.count('class="trace scatter') == 2 + 5  # two floors; three signals, two errors
+    assert len(re.findall(r'data-title="Zoom(?: in| out)?"', dom)) == 3
+    assert 'data-title="Share' not in dom  # plotly's button that uploads the data
+    assert "walk: &lt;/script&gt;" in dom.partition('id="shown"')[2][:200]
+
+
+@needs_browser
+def test_a_phone_scrolls_the_page_only_downwards_and_can_choose(
+    leg: LegDiagnosis, tmp_path: Path
+) -> None:
+    joints = [f"{name}_{'of_the_left_rear_leg_' * 4}" for name in ("hip", "thigh", "calf")]
+    diagnosis = leg(joints=joints, samples=50)
+    diagnosis = replace(diagnosis, traces=diagnosis.traces[:2])
+    write_report(diagnosis, tmp_path / "report.html", title=f"{'a_long_folder/' * 9}leg.xml")
+    path = tmp_path / "phone.html"
+    path.write_text(
+        """<iframe id="phone" src="report.html" style="width: 390px; height: 800px"></iframe>
+        <pre id="seen"></pre>
+        <script>setTimeout(() => {
+          const page = document.getElementById("phone").contentDocument;
+          const select = page.getElementById("trace"), shown = [];
+          for (const index of [0, 1]) {
+            select.selectedIndex = index;
+            select.dispatchEvent(new Event("change"));
+            shown.push(page.getElementById("shown").textContent);
+          }
+          const {scrollWidth, clientWidth} = page.documentElement;
+          document.getElementById("seen").textContent =
+            JSON.stringify({scrollWidth, clientWidth, shown});
+        }, 2000)</script>"""
+    )
+    dom, console = browse(path, "--allow-file-access-from-files")
+    assert console == []
+    found = re.search(r'<pre id="seen">(.*?)</pre>', dom)
+    assert found is not None
+    seen = json.loads(found[1])
+    assert seen["scrollWidth"] == seen["clientWidth"] <= 390
+    assert seen["shown"] == [f"chirp: {joint}, position (fitted)" for joint in joints[:2]]
+
+
+@needs_browser
+def test_the_policy_stops_a_script_and_a_request_that_are_not_ours(
+    leg: LegDiagnosis, tmp_path: Path
+) -> None:
+    path = tmp_path / "report.html"
+    write_report(leg(samples=50), path, title="leg.xml")
+    page = path.read_text(encoding="utf-8")
+    smuggled = '<script>document.title = "pwned"</script><img src="other.png">'
+    path.write_text(page.replace("<footer>", f"{smuggled}<footer>"), encoding="utf-8")
+    dom, console = browse(path)
+    assert "<title>pwned" not in dom
+    assert len([line for line in console if "Content Security Policy" in line]) == 2, console

@@ -1,0 +1,148 @@
+"""The next experiment parts the members of a confusion set, and is safe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.recordings.manifest import load_experiments
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.rehearsal.hardware import run_hardware
+from walkerkit.gap.report import planner
+from walkerkit.gap.report.planner import next_experiment
+from walkerkit.gap.search.fit import Fit
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Structure, Term
+from walkerkit.gap.workflow import prepare
+from walkerkit.tasks.excitation import BATTERY
+
+Array = NDArray[np.float64]
+
+SERVO = """
+<mujoco model="servo">
+  <compiler angle="radian"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="arm">
+      <joint name="knee" axis="0 1 0" armature="0.005" damping="0.1"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.25" size="0.02" mass="0.6"/>
+    </body>
+  </worldbody>
+  <actuator><position joint="knee" kp="30" kv="1"/></actuator>
+</mujoco>
+"""
+MOTOR = SERVO.replace('position joint="knee" kp="30" kv="1"', 'motor joint="knee"')
+
+
+@pytest.fixture(scope="module")
+def servo(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    folder = tmp_path_factory.mktemp("servo")
+    (folder / "servo.xml").write_text(SERVO)
+    time = np.arange(0.0, 2.0, 0.004)
+    targets = [0.5 * np.sin(5 * time)[:, None], 0.3 * np.sin(7 * time)[:, None]]
+    recordings = run_hardware(folder / "servo.xml", targets, rate=250.0, seed=1)
+    return problem(folder / "servo.xml", recordings)
+
+
+def problem(model: Path, recordings: list[Recording]) -> Problem:
+    experiments = load_experiments(model, recordings)
+    return prepare(experiments, window=0.5, n_threads=1).problem("zero_order")
+
+
+def member(problem: Problem, effect: str, *values: float) -> Fit:
+    structure = Structure((Term(effect=CATALOGUE[effect], sites=("knee",)),), problem.robots)
+    return Fit(structure=structure, values=np.array(values), score=0.0, mean_square=np.zeros(2))
+
+
+def test_it_names_the_excitation_the_effects_and_the_file(servo: Problem) -> None:
+    members = [member(servo, "viscous_friction", 0.2), member(servo, "coulomb_friction", 0.2)]
+    planned = next_experiment(servo, members)
+    assert planned is not None
+    experiment, log = planned
+    assert experiment.excitation in BATTERY
+    assert experiment.between == ("viscous_friction", "coulomb_friction")
+    assert experiment.separation > 10
+    assert experiment.file == "next_experiment.csv"
+    assert log.joints == ("knee",)
+    assert log.duration == pytest.approx(10.0, abs=0.01)
+    assert log.rate == pytest.approx(200.0)
+
+
+def test_it_stays_within_what_the_recordings_have_reached(servo: Problem) -> None:
+    members = [member(servo, "viscous_friction", 0.2), member(servo, "armature", 0.01)]
+    planned = next_experiment(servo, members)
+    assert planned is not None
+    target = planned[1].columns["knee/position_target"]
+    reached = servo.robots[0].excursion("knee")
+    assert reached.lower - 1e-9 <= target.min() < target.max() <= reached.upper + 1e-9
+    speed = np.abs(np.diff(target)) * planned[1].rate
+    if planned[0].excitation != "steps":
+        assert speed.max() <= 1.01 * reached.velocity
+
+
+def test_the_same_set_gives_the_same_experiment(servo: Problem) -> None:
+    members = [member(servo, "viscous_friction", 0.2), member(servo, "armature", 0.01)]
+    one, other = next_experiment(servo, members), next_experiment(servo, members)
+    assert one is not None
+    assert other is not None
+    assert one[0] == other[0]
+    for name, column in one[1].columns.items():
+        np.testing.assert_array_equal(column, other[1].columns[name])
+
+
+def test_the_excitation_that_parts_them_best_is_chosen(
+    servo: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def waving(frequency: float) -> Callable[..., Array]:
+        def excite(time: Array, *, lower: Array, upper: Array, **limits: Any) -> Array:
+            wave: Array = 0.5 * (1 + np.sin(2 * np.pi * frequency * time))[:, None]
+            return lower + (upper - lower) * wave
+
+        return excite
+
+    battery = {"rest": waving(0.0), "slow": waving(0.2), "fast": waving(1.5)}
+    # Damping shows at speed, a spring in any pose.
+    for names in (("rest", "slow", "fast"), ("fast", "slow", "rest"), ("rest", "slow")):
+        monkeypatch.setattr(planner, "BATTERY", {name: battery[name] for name in names})
+        members = [member(servo, "viscous_friction", 0.2), member(servo, "viscous_friction", 0.1)]
+        planned = next_experiment(servo, members)
+        assert planned is not None
+        assert planned[0].excitation == ("fast" if "fast" in names else "slow")
+
+
+def test_the_nearest_two_decide(servo: Problem) -> None:
+    far = [member(servo, "viscous_friction", 0.2), member(servo, "viscous_friction", 0.8)]
+    near = [*far, member(servo, "viscous_friction", 0.21)]
+    two, three = next_experiment(servo, far), next_experiment(servo, near)
+    assert two is not None
+    assert three is not None
+    assert three[0].separation < 0.2 * two[0].separation
+
+
+def test_there_is_none_where_nothing_parts_them(servo: Problem) -> None:
+    same = [member(servo, "viscous_friction", 0.2), member(servo, "viscous_friction", 0.2)]
+    assert next_experiment(servo, same) is None
+    assert next_experiment(servo, same[:1]) is None
+    assert next_experiment(servo, []) is None
+
+
+def test_a_member_that_diverges_parts_nothing(servo: Problem) -> None:
+    members = [member(servo, "viscous_friction", 0.2), member(servo, "armature", -0.03)]
+    planned = next_experiment(servo, members)
+    assert planned is None or np.isfinite(planned[0].separation)
+
+
+def test_there_is_none_for_joints_without_position_targets(tmp_path: Path) -> None:
+    (tmp_path / "motor.xml").write_text(MOTOR)
+    time = np.arange(0.0, 2.0, 0.004)
+    columns = {"knee/position": 0.1 * np.sin(5 * time), "knee/effort_target": np.sin(5 * time)}
+    log = Recording(name="log", time=time, columns=columns)
+    driven = problem(tmp_path / "motor.xml", [log])
+    members = [member(driven, "viscous_friction", 0.2), member(driven, "viscous_friction", 0.1)]
+    assert next_experiment(driven, members) is None

@@ -1,0 +1,93 @@
+"""The sentences of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from walkerkit.gap.report import wording
+from walkerkit.gap.report.diagnosis import Diagnosis, GapSize
+
+LegDiagnosis = Callable[..., Diagnosis]
+
+
+def test_explained(leg: LegDiagnosis) -> None:
+    assert wording.verdict_sentence(leg()) == (
+        "The gap is explained by coulomb_friction at calf (98 % sure): the position error shrinks "
+        "from 6.6 to 1.1 mrad, where the noise of the measurement alone would leave 1.0 mrad."
+    )
+
+
+def test_partly_explained_names_the_rivals_and_what_remains(confused: Diagnosis) -> None:
+    sentence = wording.verdict_sentence(confused)
+    assert sentence.startswith("Part of the gap is explained by coulomb_friction at calf (98 % ")
+    assert "command_delay of the whole robot (52 % sure, could also be sensor_delay or " in sentence
+    assert " and payload of body shin (91 % sure): " in sentence
+    assert sentence.endswith("What remains stands out most at calf (velocity reversal).")
+
+
+def test_no_gap_and_unexplained(leg: LegDiagnosis) -> None:
+    bare = replace(leg(), effects=(), locations=())
+    assert wording.verdict_sentence(replace(bare, verdict="no_gap")).startswith(
+        "Nothing is missing"
+    )
+    unexplained = replace(leg(), effects=(), verdict="unexplained")
+    sentence = wording.verdict_sentence(unexplained)
+    assert sentence.startswith("No effect of the catalogue explains the gap")
+    assert sentence.endswith("It stands out most at calf (velocity reversal).")
+    assert "stands out" not in wording.verdict_sentence(replace(bare, verdict="unexplained"))
+
+
+def test_an_effort_gap_that_a_stiff_loop_hides_in_the_position_is_told(leg: LegDiagnosis) -> None:
+    stiff = GapSize(unit="rad", before=0.0010, after=0.0010, noise_floor=0.0010)
+    diagnosis = leg()
+    sentence = wording.verdict_sentence(
+        replace(diagnosis, gap=replace(diagnosis.gap, position=stiff))
+    )
+    assert "the effort error shrinks from 0.52 to 0.041 N·m" in sentence
+
+
+def test_a_gap_that_no_regime_holds_is_at_its_joint(leg: LegDiagnosis) -> None:
+    everywhere = replace(leg().locations[0], regime="everywhere")
+    assert wording.spot(everywhere) == "calf"
+
+
+def test_a_timestep_that_leaves_more_than_the_noise_is_told(leg: LegDiagnosis) -> None:
+    coarse = replace(leg(), gap=replace(leg().gap, numerical_floor=0.0031))
+    assert wording.verdict_sentence(coarse).endswith(
+        "would leave 1.0 mrad and the timestep of the simulation 3.1 mrad."
+    )
+
+
+def test_many_joints_are_counted(leg: LegDiagnosis) -> None:
+    named = replace(leg().effects[0], joints=tuple(f"j{index}" for index in range(12)))
+    assert wording.place(named) == " at j0, j1, j2 and 9 more"
+
+
+def test_a_value_at_its_bound_has_no_error_whatever_it_claims(leg: LegDiagnosis) -> None:
+    (estimate,) = leg().effects[0].parameters
+    stuck = replace(estimate, at_bound=True)
+    assert wording.estimate(estimate) == ("0.152 ± 0.004", "N·m", "")
+    assert wording.estimate(stuck) == ("0.152", "N·m", wording.AT_BOUND)
+    assert wording.estimate(replace(estimate, std=None))[2] == wording.NOT_IDENTIFIABLE
+
+
+def test_the_basis_says_where_it_was_measured(leg: LegDiagnosis, confused: Diagnosis) -> None:
+    assert "held-out recordings" in wording.basis(leg().gap)
+    assert "whole rollouts" in wording.basis(leg().gap)
+    assert "flatters the model" in wording.basis(confused.gap)
+    assert "windows of 0.5 s" in wording.basis(confused.gap)
+
+
+def test_a_weak_next_experiment_is_not_sold_as_a_strong_one(confused: Diagnosis) -> None:
+    wanted = confused.next_experiment
+    assert wanted is not None
+    assert "next_experiment.csv" in wording.advice(confused)
+    assert "may not be enough" not in wording.advice(confused)
+    weak = replace(confused, next_experiment=replace(wanted, separation=1.2, file=None))
+    assert "1.2 standard deviations of the noise, which may not be enough" in wording.advice(weak)
+    assert wording.advice(replace(confused, next_experiment=None)) == ""
+
+
+def test_names_that_would_not_print_are_replaced() -> None:
+    assert wording.label("a\x1b[31mb\u202ec\n") == "a�[31mb�c�"

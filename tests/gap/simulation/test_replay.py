@@ -1,0 +1,683 @@
+"""Replay, with commands, segments and the measured state: against loops over `mj_step` by hand."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.segments import cut, whole, windows
+from walkerkit.gap.recordings.state import MeasuredState
+from walkerkit.gap.simulation.commands import between_samples, driven_by_effort, routes
+from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.robot import Measurement, robot_from_spec
+from walkerkit.gap.simulation.trials import Trials
+
+STEP = 0.002
+ARM = """
+<mujoco><compiler angle="radian"/>
+<option timestep="{step}" integrator="implicitfast"/>
+<worldbody><body><joint name="hip" axis="0 1 0" damping="0.1" armature="0.01"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="1"/>
+  <body pos="0 0 -0.3"><joint name="knee" axis="0 1 0" damping="0.05" frictionloss="0.1"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.4"/></body></body></worldbody>
+<actuator>{actuators}</actuator>{more}</mujoco>
+"""
+SERVO = '<position name="{0}" joint="{0}" kp="{1}" kv="{2}" {3}/>'
+SERVOS = SERVO.format("hip", 60, 2, "") + SERVO.format("knee", 25, 1, "")
+JOINTS = ("hip", "knee")
+SIGNALS = ("position", "velocity", "effort")
+CHANNELS = tuple(Channel(joint=joint, signal=signal) for signal in SIGNALS for joint in JOINTS)
+NEAR = {"rtol": 1e-9, "atol": 1e-11}
+
+
+def arm(actuators=SERVOS, step=STEP, more=""):
+    text = ARM.format(actuators=actuators, step=step, more=more)
+    return robot_from_spec(mujoco.MjSpec.from_string(text), "arm.xml")
+
+
+def log(time, name="log", **more):
+    """Motion and targets that no simulation made; the columns need not agree with each other."""
+    columns = {
+        "hip/position": 0.4 * np.sin(3 * time) + 0.1 * np.sin(11 * time),
+        "knee/position": 0.8 + 0.3 * np.sin(4 * time + 1),
+        "hip/position_target": 0.4 * np.sign(np.sin(5 * time)) + 0.1 * time,
+        "knee/position_target": 0.8 + 0.35 * np.sin(7 * time),
+    }
+    return Recording(name=name, time=time, columns=columns | more)
+
+
+def irregular(n=300, seed=0):
+    return np.cumsum(0.004 * np.random.default_rng(seed).uniform(0.4, 1.6, n)) + 12.3
+
+
+def held(recording, column, instants):
+    """The last sample at or before each instant, the first before all; one by one."""
+    values, found = recording.columns[column], []
+    for t in np.ravel(instants):
+        earlier = [v for s, v in zip(recording.time, values, strict=True) if s <= t + 1e-9]
+        found.append(earlier[-1] if earlier else values[0])
+    return np.array(found)
+
+
+def measured_start(recording, joint, instant):
+    """Position and velocity from a cubic through 50 ms, on a uniform grid, between its points."""
+    time, values = recording.time, recording.columns[f"{joint}/position"]
+    step = np.median(np.diff(time))
+    grid = np.arange(time[0], time[-1] + 1e-6 * step, step)
+    uniform = np.interp(grid, time, values)
+    half = max(7, round(0.05 / step)) // 2
+    found = []
+    for k in (np.searchsorted(grid, instant, side="right") - 1 + np.array([0, 1])).clip(
+        0, len(grid) - 1
+    ):
+        middle = np.clip(k, half, len(grid) - 1 - half)
+        part = slice(middle - half, middle + half + 1)
+        cubic = np.polynomial.Polynomial.fit(grid[part], uniform[part], 3)
+        found.append((grid[k], cubic(grid[k]), cubic.deriv()(grid[k])))
+    (t0, q0, v0), (t1, q1, v1) = found
+    part = 0.0 if t1 == t0 else (instant - t0) / (t1 - t0)
+    return q0 + part * (q1 - q0), v0 + part * (v1 - v0)
+
+
+def by_hand(model, start, commands, times, applied=None):
+    """Position, velocity and effort of both joints at `times` after the start, 6 columns."""
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = np.array(start).T
+    step = model.opt.timestep
+    steps = int(np.ceil(times[-1] / step - 1e-6)) + 1
+    states, efforts = [np.r_[data.qpos, data.qvel]], []
+    for k in range(steps):
+        data.ctrl[:] = commands(k * step)
+        if applied is not None:
+            data.qfrc_applied[:] = applied(k * step)
+        mujoco.mj_step(model, data)
+        states.append(np.r_[data.qpos, data.qvel])
+        efforts.append(data.qfrc_actuator + data.qfrc_applied)
+    grid = step * np.arange(steps + 1)
+    state = np.stack([np.interp(times, grid, column) for column in np.array(states).T], axis=1)
+    effort = np.stack([np.interp(times, grid[:-1], c) for c in np.array(efforts).T], axis=1)
+    return np.hstack([state, effort])
+
+
+def starts(recording, instant):
+    return [measured_start(recording, joint, instant) for joint in JOINTS]
+
+
+def servo_targets(recording, start, age=0.0):
+    def commands(t):
+        return [held(recording, f"{j}/position_target", start + t - age)[0] for j in JOINTS]
+
+    return commands
+
+
+def predict(robot, segments, trials=None, **options):
+    replay = Replay(robot, segments, CHANNELS, **options)
+    return replay.predict(trials or Trials(robot, 1))
+
+
+class TestByHand:
+    @pytest.mark.parametrize("time", [np.arange(0, 1, 0.004), irregular()], ids=["even", "uneven"])
+    def test_whole_recording_of_servoed_joints(self, time):
+        robot, recording = arm(), log(time)
+        expected = by_hand(
+            robot.model,
+            starts(recording, time[0]),
+            servo_targets(recording, time[0]),
+            time - time[0],
+        )
+        (got,) = predict(robot, whole(recording))
+        np.testing.assert_allclose(got, expected, **NEAR)
+
+    @pytest.mark.parametrize("time", [np.arange(0, 1, 0.003), irregular()], ids=["even", "uneven"])
+    def test_windows_start_from_the_measured_state(self, time):
+        robot, recording = arm(), log(time)
+        segments = windows(recording, 0.2)
+        assert len(segments) >= 4
+        (got,) = predict(robot, segments)
+        row = 0
+        for segment in segments:
+            within = time[segment.first : segment.last]
+            expected = by_hand(
+                robot.model,
+                starts(recording, within[0]),
+                servo_targets(recording, within[0]),
+                within - within[0],
+            )
+            np.testing.assert_allclose(got[row : row + len(within)], expected, **NEAR)
+            row += len(within)
+        assert row == len(got)
+
+    def test_interpolated_targets(self):
+        robot, recording = arm(), log(irregular())
+        time = recording.time
+        expected = by_hand(
+            robot.model,
+            starts(recording, time[0]),
+            lambda t: [
+                np.interp(time[0] + t, time, recording.columns[f"{j}/position_target"])
+                for j in JOINTS
+            ],
+            time - time[0],
+        )
+        (got,) = predict(robot, whole(recording), hold="linear")
+        np.testing.assert_allclose(got, expected, **NEAR)
+
+    def test_joints_driven_by_effort(self):
+        robot = arm('<motor joint="knee" gear="-4"/><motor joint="hip" gear="0.5"/>')
+        time = irregular(150)
+        effort = {f"{j}/effort_target": np.sin((k + 9) * time) for k, j in enumerate(JOINTS)}
+        recording = Recording(
+            name="log",
+            time=time,
+            columns={f"{j}/position": log(time).columns[f"{j}/position"] for j in JOINTS} | effort,
+        )
+        assert driven_by_effort(robot, recording)
+        expected = by_hand(
+            robot.model,
+            starts(recording, time[0]),
+            lambda t: [
+                held(recording, "knee/effort_target", time[0] + t)[0] / -4,
+                held(recording, "hip/effort_target", time[0] + t)[0] / 0.5,
+            ],
+            time - time[0],
+        )
+        (got,) = predict(robot, whole(recording))
+        np.testing.assert_allclose(got, expected, **NEAR)
+        np.testing.assert_allclose(
+            got[:, 4],
+            np.interp(
+                time,
+                time[0] + STEP * np.arange(1000),
+                held(recording, "hip/effort_target", time[0] + STEP * np.arange(1000)),
+            ),
+            atol=1e-9,
+        )
+
+    def test_feed_forward_effort_is_applied_beside_the_servo_and_logged_with_it(self):
+        robot, time = arm(), irregular(150)
+        forward = {"hip/effort_target": 3 * np.sin(9 * time)}
+        recording = log(time, **forward)
+        expected = by_hand(
+            robot.model,
+            starts(recording, time[0]),
+            servo_targets(recording, time[0]),
+            time - time[0],
+            lambda t: [held(recording, "hip/effort_target", time[0] + t)[0], 0.0],
+        )
+        (got,) = predict(robot, whole(recording))
+        np.testing.assert_allclose(got, expected, **NEAR)
+
+    def test_effort_on_a_joint_without_an_actuator_is_applied_to_it(self):
+        robot = arm(SERVO.format("hip", 60, 2, ""))
+        time = irregular(150)
+        recording = log(time, **{"knee/effort_target": np.sin(9 * time)})
+        columns = {k: v for k, v in recording.columns.items() if k != "knee/position_target"}
+        recording = Recording(name="log", time=time, columns=columns)
+        expected = by_hand(
+            robot.model,
+            starts(recording, time[0]),
+            lambda t: [held(recording, "hip/position_target", time[0] + t)[0]],
+            time - time[0],
+            lambda t: [0.0, held(recording, "knee/effort_target", time[0] + t)[0]],
+        )
+        (got,) = predict(robot, whole(recording))
+        np.testing.assert_allclose(got, expected, **NEAR)
+
+    @pytest.mark.parametrize(
+        "hip",
+        [
+            # u in [-1, 1] stands for -1.2 to 0.8 rad.
+            '<general joint="hip" biastype="affine" gainprm="60" biasprm="-12 -60 -2"/>',
+            '<general joint="hip" gear="2" biastype="affine" gainprm="15" biasprm="6 -15 -0.5"/>',
+            '<position joint="hip" gear="-2" kp="15" kv="0.5"/>',
+        ],
+        ids=["scaled", "scaled, geared", "geared"],
+    )
+    def test_scaled_and_geared_servos_take_targets_in_radians(self, hip):
+        recording = log(np.arange(0, 0.6, 0.004))
+        (expected,) = predict(arm(), whole(recording))
+        (got,) = predict(arm(hip + SERVO.format("knee", 25, 1, "")), whole(recording))
+        np.testing.assert_allclose(got, expected, **NEAR)
+
+    def test_actuators_behind_one_with_several_inputs(self):
+        more = "<pid joint='hip' kp='0' input='pos vel ff'/>"
+        recording = log(np.arange(0, 0.6, 0.004))
+        (expected,) = predict(arm(), whole(recording))
+        (got,) = predict(arm(more + SERVOS), whole(recording))
+        np.testing.assert_allclose(got, expected, **NEAR)
+
+    def test_joints_that_are_not_recorded_hold_the_keyframe(self):
+        robot = arm(more='<keyframe><key qpos="0.5 -1" ctrl="0.6 -1"/></keyframe>')
+        time = np.arange(0, 0.6, 0.004)
+        whole_log = log(time)
+        columns = {k: v for k, v in whole_log.columns.items() if k.startswith("hip/")}
+        recording = Recording(name="log", time=time, columns=columns)
+        expected = by_hand(
+            robot.model,
+            [measured_start(recording, "hip", 0.0), (-1.0, 0.0)],
+            lambda t: [held(recording, "hip/position_target", t)[0], -1.0],
+            time,
+        )
+        (got,) = predict(robot, whole(recording))
+        np.testing.assert_allclose(got[:, [0, 2, 4]], expected[:, [0, 2, 4]], **NEAR)
+        assert np.isnan(got[:, [1, 3, 5]]).all()
+
+
+class TestNativeDelays:
+    DELAYED = SERVO.format("hip", 60, 2, 'delay="0.02" nsample="10"') + SERVO.format(
+        "knee", 25, 1, 'delay="0.006" nsample="4" interp="linear"'
+    )
+
+    @pytest.mark.parametrize("length", [None, 0.2])
+    def test_histories_hold_the_recorded_past(self, length):
+        robot, recording = arm(self.DELAYED), log(irregular())
+        plain, row = arm().model, 0
+        segments = cut([recording], length)
+        (got,) = predict(robot, segments)
+        for segment in segments:
+            within = recording.time[segment.first : segment.last]
+            expected = by_hand(
+                plain,
+                starts(recording, within[0]),
+                lambda t, at=within[0]: [
+                    held(recording, "hip/position_target", at + t - 0.02)[0],
+                    held(recording, "knee/position_target", at + t - 0.006)[0],
+                ],
+                within - within[0],
+            )
+            np.testing.assert_allclose(got[row : row + len(within)], expected, **NEAR)
+            row += len(within)
+
+    def test_a_joint_that_is_held_does_not_dip(self):
+        robot = arm(
+            SERVO.format("hip", 60, 2, 'delay="0.02" nsample="10"')
+            + SERVO.format("knee", 25, 1, "")
+        )
+        data = mujoco.MjData(robot.model)
+        data.qpos[:] = data.ctrl[:] = (0.8, -0.8)
+        mujoco.mj_forward(robot.model, data)
+        # Targets that hold this pose against gravity: where the servo's error makes its torque.
+        targets = np.array([0.8, -0.8]) + data.qfrc_bias / [60, 25]
+        time = np.arange(0, 0.4, 0.004)
+        columns = {}
+        for k, joint in enumerate(JOINTS):
+            columns[f"{joint}/position"] = np.full(len(time), (0.8, -0.8)[k])
+            columns[f"{joint}/position_target"] = np.full(len(time), targets[k])
+        (got,) = predict(robot, whole(Recording(name="hold", time=time, columns=columns)))
+        np.testing.assert_allclose(got[:, :2], np.tile([0.8, -0.8], (len(time), 1)), atol=1e-6)
+
+    def test_long_histories_reach_back_as_far_as_they_need(self):
+        long = SERVO.format("hip", 60, 2, 'delay="0.5" nsample="250"')
+        robot, recording = arm(long + SERVO.format("knee", 25, 1, "")), log(irregular())
+        segment = windows(recording, 0.6)[1]
+        within = recording.time[segment.first : segment.last]
+        (got,) = predict(robot, [segment])
+        expected = by_hand(
+            arm().model,
+            starts(recording, within[0]),
+            lambda t: [
+                held(recording, "hip/position_target", within[0] + t - 0.5)[0],
+                held(recording, "knee/position_target", within[0] + t)[0],
+            ],
+            within - within[0],
+        )
+        np.testing.assert_allclose(got, expected, **NEAR)
+
+    @pytest.mark.parametrize("late", [0, 20], ids=["prompt", "delayed"])
+    @pytest.mark.parametrize("dyntype", ["filter", "filterexact"])
+    def test_filters_have_seen_the_recorded_past(self, dyntype, late):
+        drive = (
+            f'<general joint="hip" biastype="affine" gainprm="60" biasprm="0 -60 -2" '
+            f'dyntype="{dyntype}" dynprm="0.03" ctrllimited="true" ctrlrange="-0.3 3" '
+            f'delay="{late * STEP}" nsample="{late}"/>'
+        )
+        robot, recording = arm(drive + SERVO.format("knee", 25, 1, "")), log(irregular())
+        segment = windows(recording, 0.5)[1]
+        within = recording.time[segment.first : segment.last]
+        (got,) = predict(robot, [segment])
+        # The filter by hand, from the recording's beginning.
+        part = STEP / 0.03 if dyntype == "filter" else -np.expm1(-STEP / 0.03)
+        before = round((within[0] - recording.time[0]) / STEP)
+        instants = within[0] + STEP * np.arange(-before - late, 400 - late)
+        limited = np.maximum(held(recording, "hip/position_target", instants), -0.3)
+        smooth, filtered = limited[0], {}
+        for k, now in zip(range(-before, 400), limited, strict=True):
+            filtered[k] = smooth
+            smooth += part * (now - smooth)
+        expected = by_hand(
+            arm().model,
+            starts(recording, within[0]),
+            lambda t: [
+                filtered[round(t / STEP)],
+                held(recording, "knee/position_target", within[0] + t)[0],
+            ],
+            within - within[0],
+        )
+        # Ten time constants are remembered; velocities are the most sensitive to the rest.
+        np.testing.assert_allclose(got[:, :4], expected[:, :4], atol=1e-4)
+
+
+class TestDelays:
+    @pytest.mark.parametrize("length", [None, 0.2])
+    @pytest.mark.parametrize("delay", [0.002, 0.01, 0.0073, 0.0411])
+    def test_command_delay_is_mujocos_own(self, delay, length):
+        native = (
+            f'delay="{delay}" nsample="{int(np.ceil(delay / STEP - 1e-9)) + 1}" interp="linear"'
+        )
+        recording = log(irregular())
+        segments = cut([recording], length)
+        robot = arm()
+        trials = Trials(robot, 2)
+        for joint in JOINTS:
+            trials.command_delay[joint][1] += delay
+        prompt, late = predict(robot, segments, trials)
+        delayed = arm(SERVO.format("hip", 60, 2, native) + SERVO.format("knee", 25, 1, native))
+        (expected,) = predict(delayed, segments)
+        np.testing.assert_allclose(late, expected, **NEAR)
+        assert np.abs(late - prompt).max() > 1e-3
+
+    def test_command_delay_adds_to_the_models_own(self):
+        native = 'delay="0.006" nsample="4" interp="linear"'
+        robot = arm(SERVO.format("hip", 60, 2, native) + SERVO.format("knee", 25, 1, ""))
+        trials = Trials(robot, 2)
+        trials.command_delay["hip"] += [0.01, -0.004]
+        segments = cut([log(irregular())], 0.3)
+        got = predict(robot, segments, trials)
+        for i, total in enumerate((0.016, 0.002)):
+            plain = arm()
+            reference = Trials(plain, 1)
+            reference.command_delay["hip"] += total
+            np.testing.assert_allclose(got[i], predict(plain, segments, reference)[0], **NEAR)
+
+    def still_then_moving(self):
+        """A recording of the simulated arm itself: it hangs at rest, then its targets move."""
+        model, steps = arm().model, 600
+        data = mujoco.MjData(model)
+        rows = []
+        for k in range(steps):
+            t = k * STEP
+            target = [
+                0.4 * np.sin(6 * (t - 0.2)) * (t > 0.2),
+                0.3 * np.sin(9 * (t - 0.2)) * (t > 0.2),
+            ]
+            data.ctrl[:] = target
+            state = np.r_[data.qpos, data.qvel]
+            mujoco.mj_step(model, data)
+            rows.append(np.r_[state, data.qfrc_actuator, target])
+        names = [f"{j}/{s}" for s in (*SIGNALS, "position_target") for j in JOINTS]
+        columns = dict(zip(names, np.array(rows).T, strict=True))
+        return Recording(name="still", time=STEP * np.arange(steps), columns=columns)
+
+    @pytest.mark.parametrize("steps", [1, 7])
+    def test_sensor_delay_is_a_time_shift_and_parts_from_command_delay_in_effort(self, steps):
+        recording, robot = self.still_then_moving(), arm()
+        trials = Trials(robot, 3)
+        for joint in JOINTS:
+            trials.command_delay[joint][1] += steps * STEP
+            trials.position_delay[joint][2] += steps * STEP
+        prompt, commanded, sensed = predict(robot, whole(recording), trials)
+        own = np.stack([recording.columns[f"{c.joint}/{c.signal}"] for c in CHANNELS], axis=1)
+        np.testing.assert_allclose(prompt, own, atol=1e-9)
+        np.testing.assert_allclose(sensed[steps:, :4], own[:-steps, :4], atol=1e-9)
+        np.testing.assert_allclose(sensed[:, 4:], own[:, 4:], atol=1e-9)
+        np.testing.assert_allclose(commanded[:, :4], sensed[:, :4], atol=1e-9)
+        np.testing.assert_allclose(commanded[steps:, 4:], own[:-steps, 4:], atol=1e-9)
+        assert np.abs(commanded[:, 4:] - own[:, 4:]).max() > 0.1
+
+    def test_sensors_of_different_age(self):
+        recording, robot = self.still_then_moving(), arm()
+        trials = Trials(robot, 1)
+        trials.position_delay["hip"] += 3 * STEP
+        trials.position_delay["knee"] += 8 * STEP
+        (got,) = predict(robot, whole(recording), trials)
+        for column, shift in ((0, 3), (1, 8), (2, 3), (3, 8)):
+            channel = CHANNELS[column]
+            own = recording.columns[f"{channel.joint}/{channel.signal}"]
+            np.testing.assert_allclose(got[shift:, column], own[:-shift], atol=1e-9)
+
+    def test_sensor_delay_leaves_the_models_own_command_delay_alone(self):
+        native = 'delay="0.02" nsample="10"'
+        actuators = SERVO.format("hip", 60, 2, native) + SERVO.format("knee", 25, 1, "")
+        delayed, plain = arm(actuators), arm()
+        segments = cut([log(irregular())], 0.2)
+        trials = [Trials(robot, 1) for robot in (delayed, plain)]
+        for one in trials:
+            for joint in JOINTS:
+                one.position_delay[joint] += 5 * STEP
+        trials[1].command_delay["hip"] += 0.02
+        (got,), (expected,) = (
+            predict(robot, segments, one)
+            for robot, one in zip((delayed, plain), trials, strict=True)
+        )
+        np.testing.assert_allclose(got, expected, **NEAR)
+
+    def test_what_is_known_of_the_measurement_is_where_trials_begin(self):
+        from dataclasses import replace
+
+        recording = self.still_then_moving()
+        robot = replace(
+            arm(),
+            measurement={
+                "hip": Measurement(position_delay=4 * STEP, effort_scale=0.5, effort_offset=2.0)
+            },
+        )
+        (got,) = predict(robot, whole(recording))
+        own = recording.columns
+        np.testing.assert_allclose(got[4:, 0], own["hip/position"][:-4], atol=1e-9)
+        np.testing.assert_allclose(got[:, 1], own["knee/position"], atol=1e-9)
+        np.testing.assert_allclose(got[:, 4], 0.5 * own["hip/effort"] + 2.0, atol=1e-9)
+
+
+class TestMany:
+    def trials(self, robot):
+        trials = Trials(robot, 4)
+        trials.field("dof_damping")[:, 0] += [0.0, 0.3, 0.0, 0.1]
+        trials.field("actuator_biasprm")[2, 0, 2] = 1e12
+        trials.command_delay["knee"] += [0.0, 0.01, 0.0, 0.003]
+        return trials
+
+    def recordings(self):
+        short = log(np.arange(0, 0.3, 0.004), name="short")
+        return log(irregular()), log(irregular(200, 1), name="other"), short
+
+    def test_threads_change_nothing(self):
+        robot = arm()
+        one, two = (
+            predict(robot, cut(self.recordings(), 0.2), self.trials(robot), n_threads=n)
+            for n in (1, 2)
+        )
+        np.testing.assert_array_equal(one, two)
+
+    def test_a_trial_that_diverges_is_nan_and_disturbs_nobody(self, tmp_path, monkeypatch, capfd):
+        monkeypatch.chdir(tmp_path)
+        robot = arm()
+        segments, trials = cut(self.recordings(), None), self.trials(robot)
+        together = predict(robot, segments, trials)
+        assert np.isnan(together[2]).all()
+        for i in (0, 1, 3):
+            alone = predict(robot, segments, trials.rows(slice(i, i + 1)))
+            np.testing.assert_array_equal(together[i], alone[0])
+        assert np.isfinite(together[[0, 1, 3]]).all()
+        assert not list(tmp_path.iterdir())
+        assert capfd.readouterr() == ("", "")
+
+    def test_segments_of_any_length_and_order_are_each_alone(self):
+        robot = arm()
+        long, other, short = self.recordings()
+        segments = [*whole(short), *windows(long, 0.2), *whole(other), *windows(short, 0.1)]
+        replay = Replay(robot, segments, CHANNELS)
+        (together,) = replay.predict(Trials(robot, 1))
+        for i, segment in enumerate(segments):
+            (alone,) = predict(robot, [segment])
+            np.testing.assert_array_equal(together[replay.segment_of_row == i], alone)
+            expected = segment.recording.time[segment.first : segment.last] - segment.start
+            np.testing.assert_array_equal(replay.time_of_row[replay.segment_of_row == i], expected)
+
+    def test_recordings_of_different_joints(self):
+        robot, time = arm(), np.arange(0, 0.5, 0.004)
+        both = log(time)
+        knee = Recording(
+            name="knee",
+            time=time,
+            columns={k: v for k, v in both.columns.items() if k.startswith("knee")},
+        )
+        replay = Replay(robot, [*whole(both), *whole(knee)], CHANNELS)
+        (got,) = replay.predict(Trials(robot, 1))
+        np.testing.assert_array_equal(got[: len(time)], predict(robot, whole(both))[0])
+        assert np.isnan(got[len(time) :, [0, 2, 4]]).all()
+        assert np.isnan(replay.measured[len(time) :, 0]).all()
+        np.testing.assert_array_equal(
+            replay.measured[len(time) :, 1], knee.columns["knee/position"]
+        )
+
+    def test_joined_trials_are_the_trials_one_after_the_other(self):
+        robot, segments = arm(), whole(self.recordings()[0])
+        first, second = self.trials(robot), Trials(robot, 2)
+        second.field("dof_armature")[:, 1] += [0.0, 0.02]
+        second.effort_offset["hip"] += 1.0
+        joined = predict(robot, segments, Trials.joined([first, second]))
+        apart = [predict(robot, segments, one) for one in (first, second)]
+        np.testing.assert_array_equal(joined, np.concatenate(apart))
+
+
+class TestCommands:
+    def test_held_and_interpolated_between_samples(self):
+        recording = log(irregular(20))
+        time = recording.time
+        at = np.sort(np.r_[time[0] - 1, time, 0.5 * (time[1:] + time[:-1]), time[-1] + 1])
+        column = "hip/position_target"
+        np.testing.assert_array_equal(
+            between_samples(recording, column, at, "zero_order"), held(recording, column, at)
+        )
+        np.testing.assert_allclose(
+            between_samples(recording, column, at, "linear"),
+            np.interp(at, time, recording.columns[column]),
+        )
+
+    def test_a_sample_at_a_steps_own_instant_counts_whatever_the_rounding(self):
+        recording = log(0.1 * np.arange(8))
+        at = 0.7 - 0.1 * np.arange(8)[::-1]
+        np.testing.assert_array_equal(
+            between_samples(recording, "hip/position_target", at, "zero_order"),
+            recording.columns["hip/position_target"],
+        )
+
+    def test_targets_find_their_actuators(self):
+        robot = arm('<motor joint="hip"/>' + SERVOS + '<velocity joint="knee" kv="3"/>')
+        time = np.arange(0, 0.1, 0.01)
+        recording = log(time, **{"knee/velocity_target": time, "knee/effort_target": time})
+        found = {
+            route.column: route.drive and (route.drive.actuator, route.drive.kind)
+            for route in routes(robot, recording)
+        }
+        assert found == {
+            "hip/position_target": (1, "position"),
+            "knee/position_target": (2, "position"),
+            "knee/velocity_target": (3, "velocity"),
+            "knee/effort_target": None,
+        }
+        assert not driven_by_effort(robot, recording)
+
+    @pytest.mark.parametrize(
+        ("actuators", "columns", "message"),
+        [
+            (
+                '<velocity joint="hip" kv="1"/>',
+                ["hip/position_target"],
+                r"log: joint 'hip' has a velocity actuator in arm\.xml, but the recording has no "
+                r"`hip/velocity_target`\. Log that target, or",
+            ),
+            (
+                '<position joint="hip"/><motor joint="hip"/>',
+                ["hip/velocity_target"],
+                "has no `hip/position_target` or `hip/effort_target`",
+            ),
+            (
+                "",
+                ["hip/position_target"],
+                r"column `hip/position_target` has no actuator in arm\.xml\. "
+                "Add a <position> actuator to joint 'hip'",
+            ),
+        ],
+    )
+    def test_refuses_targets_that_nothing_takes(self, actuators, columns, message):
+        time = np.arange(0, 0.1, 0.01)
+        recording = Recording(
+            name="log", time=time, columns=dict.fromkeys(["hip/position", *columns], time)
+        )
+        with pytest.raises(InputError, match=message):
+            routes(arm(actuators), recording)
+
+    def test_refuses_joints_that_the_model_lacks(self):
+        time = np.arange(0, 0.1, 0.01)
+        columns = {"kne/position": time, "kne/position_target": time}
+        with pytest.raises(InputError, match=r"log: joint 'kne' .*did you mean 'knee'"):
+            routes(arm(), Recording(name="log", time=time, columns=columns))
+
+
+class TestSegments:
+    def test_windows_adjoin_and_have_their_length(self):
+        recording = log(irregular())
+        time, parts = recording.time, windows(log(irregular()), 0.25)
+        assert [p.first for p in parts[1:]] == [p.last for p in parts[:-1]]
+        assert parts[0].first == 0
+        for k, part in enumerate(parts):
+            inside = (time >= time[0] + 0.25 * k) & (time < time[0] + 0.25 * (k + 1))
+            np.testing.assert_array_equal(np.flatnonzero(inside), np.arange(part.first, part.last))
+        assert time[-1] - time[parts[-1].last] < 0.25
+
+    def test_a_recording_shorter_than_a_window_stays_whole(self):
+        recording = log(np.arange(0, 0.2, 0.01))
+        assert windows(recording, 0.5) == whole(recording)
+        assert cut([recording], None) == whole(recording)
+        assert whole(recording)[0].duration == pytest.approx(0.19)
+
+    def test_gaps_in_the_log_make_no_windows(self):
+        # Three samples of the second window are left, too few to compare.
+        time = np.r_[np.arange(0, 0.13, 0.01), np.arange(2.0, 2.3, 0.01)]
+        parts = windows(log(time), 0.1)
+        assert all(part.last - part.first >= 4 for part in parts)
+        assert [part.start for part in parts] == pytest.approx([0, 2, 2.1], abs=0.011)
+        assert all(part.duration <= 0.1 + 1e-9 for part in parts)
+
+
+class TestMeasuredState:
+    def test_cubic_motion_is_found_exactly(self):
+        time = 5.0 + np.arange(0, 0.5, 0.004)
+        motion = np.polynomial.Polynomial([0.3, -1.0, 2.0, 4.0])
+        recording = Recording(
+            name="log",
+            time=time,
+            columns={"a/position": motion(time - 5), "a/position_target": time},
+        )
+        qpos, qvel = MeasuredState(recording, ["a"]).at(time)
+        np.testing.assert_allclose(qpos[:, 0], motion(time - 5), atol=1e-12)
+        np.testing.assert_allclose(qvel[:, 0], motion.deriv()(time - 5), atol=1e-9)
+
+    def test_noise_becomes_less_and_nothing_lags(self):
+        rng = np.random.default_rng(0)
+        time = np.arange(0, 4, 0.002)
+        true, speed = np.sin(6 * time), 6 * np.cos(6 * time)
+        noisy = true + 1e-3 * rng.normal(size=len(time))
+        recording = Recording(
+            name="log", time=time, columns={"a/position": noisy, "a/position_target": true}
+        )
+        state = MeasuredState(recording, ["a"])
+        qpos, qvel = (values[50:-50, 0] for values in state.at(time))
+        assert np.std(qpos - true[50:-50]) < 0.5e-3
+        assert np.std(qvel - speed[50:-50]) < 0.1
+        lag = np.vdot(qvel - speed[50:-50], np.gradient(speed, time)[50:-50])
+        assert abs(lag / np.vdot(np.gradient(speed, time), np.gradient(speed, time))) < 2e-4
+        assert state.step == pytest.approx(0.002)
+
+    @pytest.mark.parametrize("samples", [2, 3, 5, 8, 30])
+    def test_short_recordings_have_a_state_too(self, samples):
+        time = 0.01 * np.arange(samples)
+        recording = Recording(
+            name="log", time=time, columns={"a/position": 2 * time, "a/position_target": time}
+        )
+        qpos, qvel = MeasuredState(recording, ["a"]).at(np.array([-1.0, 0.0, time[-1], 9.0]))
+        end = 2 * time[-1]
+        np.testing.assert_allclose(qpos[:, 0], [0, 0, end, end], atol=1e-12)
+        np.testing.assert_allclose(qvel, 2.0, rtol=1e-9)
