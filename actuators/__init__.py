@@ -1,5 +1,40 @@
 """Actuators: how a command becomes joint effort."""
 
+from walkerkit.actuators.actuator import Actuator
+from walkerkit.actuators.builtin import (
+    BuiltinMotorActuatorCfg,
+    BuiltinPdActuatorCfg,
+    BuiltinPositionActuatorCfg,
+    BuiltinVelocityActuatorCfg,
+)
+from walkerkit.actuators.command import ActuatorCmd
+from walkerkit.actuators.config import ActuatorCfg
+from walkerkit.actuators.delayed import DelayedActuator, DelayedActuatorCfg
+from walkerkit.actuators.explicit import DcMotorActuatorCfg, IdealPdActuatorCfg
+from walkerkit.actuators.group import ActuatorGroup
 from walkerkit.actuators.scaled import add_position_actuator, add_velocity_actuator
+from walkerkit.actuators.wrapped import (
+    XmlMotorActuatorCfg,
+    XmlPositionActuatorCfg,
+    XmlVelocityActuatorCfg,
+)
 
-__all__ = ["add_position_actuator", "add_velocity_actuator"]
+__all__ = [
+    "Actuator",
+    "ActuatorCfg",
+    "ActuatorCmd",
+    "ActuatorGroup",
+    "BuiltinMotorActuatorCfg",
+    "BuiltinPdActuatorCfg",
+    "BuiltinPositionActuatorCfg",
+    "BuiltinVelocityActuatorCfg",
+    "DcMotorActuatorCfg",
+    "DelayedActuator",
+    "DelayedActuatorCfg",
+    "IdealPdActuatorCfg",
+    "XmlMotorActuatorCfg",
+    "XmlPositionActuatorCfg",
+    "XmlVelocityActuatorCfg",
+    "add_position_actuator",
+    "add_velocity_actuator",
+]

@@ -74,16 +74,30 @@ def drives_of_joint(model: mujoco.MjModel, joint: int) -> tuple[Drive, ...]:
         The drives; actuators with another law (muscles, dcmotor, activation that integrates) are
         left out, since no target in joint units can be read into their control.
     """
-    return tuple(
-        _drive(model, actuator)
+    drives = (
+        read_drive(model, actuator)
         for actuator in range(model.nactuator)
         if model.actuator_trntype[actuator] in _JOINT_TRANSMISSIONS
         and model.actuator_trnid[actuator, 0] == joint
-        and model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+    )
+    return tuple(drive for drive in drives if drive is not None)
+
+
+def read_drive(model: mujoco.MjModel, actuator: int) -> Drive | None:
+    """An actuator in units of what it drives, or None where its law is not affine.
+
+    Args:
+        model: the compiled model.
+        actuator: the actuator's id; its transmission has a scalar gear.
+    """
+    if (
+        model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
         and model.actuator_gainprm[actuator, 0] != 0
         and model.actuator_biastype[actuator] in _BIASES
         and model.actuator_dyntype[actuator] in _DYNAMICS
-    )
+    ):
+        return _drive(model, actuator)
+    return None
 
 
 def _drive(model: mujoco.MjModel, actuator: int) -> Drive:

@@ -1,0 +1,185 @@
+"""Native actuators with an affine law, force = g u + b₀ + b₁ length + b₂ velocity.
+
+MuJoCo XML reference, `actuator/general`, of which `<position>`, `<velocity>` and `<motor>` are
+special cases.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.actuators.actuator import Rows
+from walkerkit.actuators.command import TARGETS
+from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.native import NativeActuator
+
+FloatArray = NDArray[np.float64]
+
+_BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
+
+
+Kind = Literal["position", "velocity", "effort", "pd"]
+_TAKES: dict[Kind, frozenset[str]] = {
+    "position": frozenset({"position_target"}),
+    "velocity": frozenset({"velocity_target"}),
+    "effort": frozenset({"effort_target"}),
+    "pd": frozenset(TARGETS),
+}
+_GAINS: dict[Kind, tuple[str, ...]] = {
+    "position": ("stiffness", "damping"),
+    "velocity": ("damping",),
+    "effort": (),
+    "pd": ("stiffness", "damping"),
+}
+
+
+class AffineActuator(NativeActuator):
+    """Controls, gains, limits and efforts of affine actuators, in units of the joint.
+
+    Args:
+        cfg: the config.
+        kind: what its control asks for; `pd` is an effort to which position and velocity are added.
+    """
+
+    def __init__(self, cfg: TargetedActuatorCfg, kind: Kind):
+        super().__init__(cfg)
+        self._kind = kind
+        self._affine_of: mujoco.MjModel | None = None
+        self._now: dict[str, FloatArray] = {}
+
+    def _bind(self) -> None:
+        super()._bind()
+        model, ids = self.simulation.model, self._actuator_ids
+        if self._affine_of is not model:
+            # A site's gear is a direction; its length and force are along it.
+            on_site = self.cfg.transmission == "site"
+            self._gear = np.ones(len(ids)) if on_site else model.actuator_gear[ids, 0].copy()
+            self._gain0 = model.actuator_gainprm[ids, 0].copy()
+            has_bias = (model.actuator_biastype[ids] == _BIAS)[:, None]
+            self._bias0 = np.where(has_bias, model.actuator_biasprm[ids, :3], 0.0)
+            self._limits0 = _range(model.actuator_forcelimited, model.actuator_forcerange, ids)
+            self._slope, self._offset = self._scale(model)
+            self._affine_of = model
+        self._ctrlrange = _range(model.actuator_ctrllimited, model.actuator_ctrlrange, ids)
+        self._now = {name: values.copy() for name, values in self._own().items()}
+
+    @property
+    def takes(self) -> frozenset[str]:
+        """As in `Actuator`."""
+        return _TAKES[self._kind]
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """As in `Actuator`."""
+        if self._kind == "pd":
+            return _TAKES["position"] if self._now["stiffness"].any() else frozenset()
+        return _TAKES[self._kind]
+
+    def _command(
+        self, position: FloatArray | None, velocity: FloatArray | None, effort: FloatArray | None
+    ) -> FloatArray:
+        if self._kind == "pd":
+            control = np.zeros(self.shape) if effort is None else np.array(effort)
+            if position is not None:
+                control += self._now["stiffness"] * position
+            if velocity is not None:
+                control += self._now["damping"] * velocity
+            return control * self._now["strength"]
+        target = {"position": position, "velocity": velocity, "effort": effort}[self._kind]
+        return np.asarray(self._slope * np.asarray(target) + self._offset)
+
+    # Parameters.
+
+    def _own(self) -> Mapping[str, FloatArray]:
+        own = {"strength": np.ones(len(self._gear))}
+        if "stiffness" in _GAINS[self._kind]:
+            own["stiffness"] = -self._bias0[:, 1] * self._gear**2
+        if "damping" in _GAINS[self._kind]:
+            own["damping"] = -self._bias0[:, 2] * self._gear**2
+        if np.isfinite(self._limits0).all():
+            own["effort_limit"] = self._limits0[:, 1] * np.abs(self._gear)
+        return own
+
+    def _read(self, name: str) -> FloatArray:
+        return self._now[name]
+
+    def _write(self, name: str, values: FloatArray, rows: Rows) -> None:
+        every = np.array(np.broadcast_to(self._now[name], self.shape))
+        every[slice(None) if rows is None else rows] = values
+        self._now[name] = every
+        gain, bias, limits = self._law()
+        ids = self._actuator_ids
+        self.simulation.parameter("actuator_gainprm")[..., ids, 0] = gain
+        self.simulation.parameter("actuator_biasprm")[..., ids, :3] = bias
+        limited = np.isfinite(self._limits0).all(axis=1)
+        self.simulation.parameter("actuator_forcerange")[..., ids[limited], :] = limits[
+            ..., limited, :
+        ]
+
+    def _law(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Gain (..., n), bias (..., n, 3) and limits (..., n, 2), in the actuators' units."""
+        gain, bias = self._gains()
+        strength = self._now["strength"]
+        limits = self._limits0
+        if "effort_limit" in self._now:
+            limit = self._now["effort_limit"] / np.abs(self._gear)
+            # Ranges need not lie even about zero: both ends change in the same proportion.
+            limits = limits * (limit / self._limits0[:, 1])[..., None]
+        return gain * strength, bias * strength[..., None], limits * strength[..., None]
+
+    def _gains(self) -> tuple[FloatArray, FloatArray]:
+        """Gain and bias with the present stiffness and damping."""
+        gains = _GAINS[self._kind]
+        if not gains:
+            return self._gain0, self._bias0
+        # The leading gain carries the target with it: u stays the same target at any gain.
+        leading = self._now[gains[0]]
+        nominal = -self._bias0[:, 1 if gains[0] == "stiffness" else 2] * self._gear**2
+        ratio = np.divide(leading, nominal, out=np.ones(leading.shape), where=nominal != 0)
+        bias = np.array(np.broadcast_to(self._bias0, (*leading.shape, 3)))
+        bias[..., 0] *= ratio
+        for name, column in (("stiffness", 1), ("damping", 2)):
+            if name in gains:
+                bias[..., column] = -self._now[name] / self._gear**2
+        return self._gain0 * (1.0 if self._kind == "pd" else ratio), bias
+
+    @abc.abstractmethod
+    def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
+        """Control per target, and control at a target of zero, (n_joints,) each."""
+
+    # Efforts.
+
+    def _force(self) -> tuple[FloatArray, FloatArray]:
+        """Force of each actuator before and after its limits, in its own units."""
+        gain, bias, limits = self._law()
+        control = np.clip(self._arriving(), self._ctrlrange[:, 0], self._ctrlrange[:, 1])
+        model = self.simulation.model
+        filtered = model.actuator_actadr[self._actuator_ids]
+        if (filtered >= 0).any():
+            activation = self.simulation.state("act")[..., np.maximum(filtered, 0)]
+            control = np.where(filtered >= 0, activation, control)
+        length, speed = self._gear * self._q, self._gear * self._qd
+        force = gain * control + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
+        return force, np.clip(force, limits[..., 0], limits[..., 1])
+
+    @property
+    def computed_effort(self) -> FloatArray:
+        """As in `Actuator`: what MuJoCo makes before `forcerange`."""
+        return self._gear * self._force()[0]
+
+    @property
+    def applied_effort(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self._gear * self._force()[1]
+
+
+def _range(limited: Any, ranges: Any, ids: NDArray[np.intp]) -> FloatArray:
+    """Limits (n, 2), infinite where there are none."""
+    has = (limited[ids] != 0)[:, None]
+    return np.where(has, ranges[ids], [[-np.inf, np.inf]])

@@ -1,0 +1,285 @@
+"""Delays in front of any actuator.
+
+    DelayedActuatorCfg(
+        base_cfg=IdealPdActuatorCfg(joint_names_expr=(".*",), stiffness=80.0, damping=2.0),
+        delay_target="position",
+        delay_min_lag=2,
+        delay_max_lag=5,
+    )
+
+Targets are late, feedback is not. Lags are counted in physics steps. A constant delay of the one
+target of a builtin actuator is left to MuJoCo's own `delay`, whose past is filled as ours is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from walkerkit.actuators.actuator import Actuator, Random, Rows, rows_of
+from walkerkit.actuators.builtin import BuiltinActuatorCfg
+from walkerkit.actuators.config import ActuatorCfg
+from walkerkit.actuators.fields import number
+from walkerkit.actuators.laws.lag import DelayLine, LagSchedule
+from walkerkit.actuators.native import NativeActuator
+from walkerkit.actuators.simulation import Simulation
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+_WORDS = ("position", "velocity", "effort")
+
+
+def _delay_targets(name: str, value: Any) -> tuple[str, ...]:
+    words = (value,) if isinstance(value, str) else tuple(value)
+    if not words or len({*words}) != len(words) or not {*words} <= {*_WORDS}:
+        raise ValueError(f"{name} should be one or several of {list(_WORDS)}, got {value!r}")
+    return tuple(word for word in _WORDS if word in words)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DelayedActuatorCfg(ActuatorCfg):
+    """Delays targets on their way to another actuator.
+
+    Attributes:
+        base_cfg: the actuator behind the delay.
+        delay_target: which targets are late: `position`, `velocity`, `effort`, or several. Each has
+            a delay line and lags of its own.
+        delay_min_lag: least lag [physics steps].
+        delay_max_lag: greatest lag [physics steps].
+        delay_hold_prob: probability that a redraw keeps the lag; 1 draws once, at each reset.
+        delay_update_period: physics steps between redraws; 0 redraws at each.
+        seed: of the lags; `reset` may bring its own source.
+    """
+
+    base_cfg: ActuatorCfg
+    delay_target: str | tuple[str, ...] = field(
+        default="position", metadata={"check": _delay_targets}
+    )
+    delay_min_lag: int = number(default=0, at_least=0, whole=True, per_joint=False)
+    delay_max_lag: int = number(default=0, at_least=0, whole=True, per_joint=False)
+    delay_hold_prob: float = number(default=0.0, at_least=0, at_most=1, per_joint=False)
+    delay_update_period: int = number(default=0, at_least=0, whole=True, per_joint=False)
+    seed: int = number(default=0, at_least=0, whole=True, per_joint=False)
+
+    def check(self) -> None:
+        """As in `ActuatorCfg`."""
+        if not isinstance(self.base_cfg, ActuatorCfg) or isinstance(
+            self.base_cfg, DelayedActuatorCfg
+        ):
+            raise TypeError(
+                f"base_cfg should be the config of an actuator without delay, got {self.base_cfg!r}"
+            )
+        if self.delay_min_lag > self.delay_max_lag:
+            raise ValueError(
+                f"delay_min_lag={self.delay_min_lag} is above delay_max_lag={self.delay_max_lag}: "
+                "raise the latter or lower the former"
+            )
+
+    @property
+    def schedule(self) -> LagSchedule:
+        """How lags are drawn."""
+        return LagSchedule(
+            min_lag=self.delay_min_lag,
+            max_lag=self.delay_max_lag,
+            hold_prob=self.delay_hold_prob,
+            update_period=self.delay_update_period,
+        )
+
+    @property
+    def joint_names_expr(self) -> tuple[str, ...]:
+        """The base's expressions."""
+        return self.base_cfg.joint_names_expr  # type: ignore[attr-defined, no-any-return]
+
+    def build(self) -> DelayedActuator:
+        """The actuator."""
+        return DelayedActuator(self)
+
+
+class DelayedActuator(Actuator):
+    """Pushes targets through delay lines before its base sees them.
+
+    Attributes:
+        base: the actuator behind the delay.
+        native: MuJoCo runs the delay.
+    """
+
+    def __init__(self, cfg: DelayedActuatorCfg):
+        super().__init__()
+        self.cfg = cfg
+        self.base = cfg.base_cfg.build()
+        self._lines: dict[str, DelayLine] = {}
+        self.native = False
+        base_cfg = cfg.base_cfg
+        if (
+            isinstance(base_cfg, BuiltinActuatorCfg)
+            and isinstance(self.base, NativeActuator)
+            and cfg.delay_target == (base_cfg.kind,)
+            and cfg.schedule.constant
+            and cfg.delay_max_lag > 0
+        ):
+            self.native = True
+            self.base.delay_natively(cfg.delay_max_lag)
+
+    # Lifecycle.
+
+    def targets(self, root: Any) -> list[Any]:
+        """As in `Actuator`."""
+        return self.base.targets(root)
+
+    def edit_mjcf(self, root: Any) -> None:
+        """As in `Actuator`."""
+        self.base.edit_mjcf(root)
+
+    def initialize(self, physics: Any) -> None:
+        """As in `Actuator`."""
+        self.base.initialize(physics)
+        self._checked = None
+        if self.native:
+            return
+        shape = (*self.base.simulation.batch_shape, len(self.base.joint_names))
+        seeds = np.random.SeedSequence(self.cfg.seed).spawn(len(_WORDS))
+        self._lines = {
+            word: DelayLine(self.cfg.schedule, shape, seed)
+            for word, seed in zip(_WORDS, seeds, strict=True)
+            if word in self.cfg.delay_target
+        }
+
+    def _reset(self, rows: Rows, random_state: Random | None) -> None:
+        for line in self._lines.values():
+            line.reset(rows, random_state)
+        self.base._reset(rows, random_state)
+
+    def control(
+        self,
+        position_target: FloatArray | None,
+        velocity_target: FloatArray | None,
+        effort_target: FloatArray | None,
+    ) -> FloatArray:
+        """As in `Actuator`."""
+        lines = self._lines
+        if position_target is not None and "position" in lines:
+            position_target = lines["position"].push(position_target)
+        if velocity_target is not None and "velocity" in lines:
+            velocity_target = lines["velocity"].push(velocity_target)
+        if effort_target is not None and "effort" in lines:
+            effort_target = lines["effort"].push(effort_target)
+        return self.base.control(position_target, velocity_target, effort_target)
+
+    # What it is: its base, later.
+
+    def lag(self, target: str) -> IntArray:
+        """The present lag of a target [physics steps], () or (n_sims,).
+
+        Args:
+            target: one of the config's `delay_target`.
+
+        Raises:
+            KeyError: that target is not delayed.
+        """
+        if target not in self.cfg.delay_target:
+            raise KeyError(f"{target!r} is not delayed, {list(self.cfg.delay_target)} are")
+        if self.native:
+            return np.full(self.simulation.batch_shape, self.cfg.delay_max_lag, dtype=np.intp)
+        return self._lines[target].lag
+
+    @property
+    def takes(self) -> frozenset[str]:
+        """As in `Actuator`."""
+        return self.base.takes
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """As in `Actuator`."""
+        return self.base.needs
+
+    @property
+    def simulation(self) -> Simulation:
+        """As in `Actuator`."""
+        return self.base.simulation
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """As in `Actuator`."""
+        return self.base.joint_names
+
+    @property
+    def joint_ids(self) -> IntArray:
+        """As in `Actuator`."""
+        return self.base.joint_ids
+
+    @property
+    def ctrl_ids(self) -> IntArray:
+        """As in `Actuator`."""
+        return self.base.ctrl_ids
+
+    @property
+    def elements(self) -> tuple[Any, ...]:
+        """As in `Actuator`."""
+        return self.base.elements
+
+    @property
+    def computed_effort(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self.base.computed_effort
+
+    @property
+    def applied_effort(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self.base.applied_effort
+
+    @property
+    def holds(self) -> bool:
+        """As in `Actuator`."""
+        return self.native and self.base.holds
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """As in `Actuator`, and the bounds of the lag unless MuJoCo runs the delay."""
+        own = () if self.native else ("delay_min_lag", "delay_max_lag")
+        return (*self.base.parameters, *own)
+
+    def nominal(self, name: str) -> FloatArray:
+        """As in `Actuator`."""
+        if name not in self._own():
+            return self.base.nominal(name)
+        return np.full(len(self.joint_names), self._own()[name], dtype=np.float64)
+
+    def get(self, name: str) -> FloatArray:
+        """As in `Actuator`."""
+        if name not in self._own():
+            return self.base.get(name)
+        line = next(iter(self._lines.values()))
+        bound = np.asarray(line.bounds[name == "delay_max_lag"], dtype=np.float64)
+        shape = (*self.simulation.batch_shape, len(self.joint_names))
+        return np.broadcast_to(bound[..., None], shape).copy()
+
+    def set(self, name: str, values: ArrayLike, env_ids: ArrayLike | None = None) -> None:
+        """As in `Actuator`; lags are whole, alike in all joints, and at most the config's."""
+        if name not in self._own():
+            self.base.set(name, values, env_ids)
+            return
+        rows = rows_of(env_ids, self.simulation.batch_shape)
+        given = np.asarray(values, dtype=np.float64)
+        steps = np.rint(given[..., 0] if given.ndim else given).astype(np.intp)
+        at = ... if rows is None else rows
+        for line in self._lines.values():
+            low, high = line.bounds
+            if name == "delay_min_lag":
+                line.narrow(np.broadcast_to(steps, low[at].shape), high[at], rows)
+            else:
+                line.narrow(
+                    np.minimum(low[at], steps), np.broadcast_to(steps, high[at].shape), rows
+                )
+
+    def _own(self) -> Mapping[str, int]:
+        if self.native:
+            return {}
+        return {
+            "delay_min_lag": self.cfg.delay_min_lag,
+            "delay_max_lag": self.cfg.delay_max_lag,
+        }

@@ -1,0 +1,199 @@
+"""Actuators whose law runs in Python, before every physics step, and works through a motor.
+
+MuJoCo's integrator does not see how such an effort depends on velocity, so a gain that a native
+actuator bears can be too much for an explicit one: `initialize` warns where that is so.
+"""
+
+from __future__ import annotations
+
+import abc
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.actuators.actuator import Random, Rows
+from walkerkit.actuators.command import TARGETS
+from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.fields import number
+from walkerkit.actuators.general import add_general
+from walkerkit.actuators.laws.dc_motor import DcMotorLaw
+from walkerkit.actuators.laws.law import Law
+from walkerkit.actuators.laws.pd import PdLaw
+from walkerkit.actuators.selection import Numbers
+from walkerkit.actuators.stability import unstable_gains
+from walkerkit.actuators.targeted import TargetedActuator
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplicitActuatorCfg(TargetedActuatorCfg):
+    """A config whose actuator computes efforts and sends them through a `<motor>`."""
+
+    def build(self) -> ExplicitActuator:
+        """The actuator."""
+        return ExplicitActuator(self)
+
+    @abc.abstractmethod
+    def law(self, numbers: Mapping[str, FloatArray]) -> Law:
+        """The law of its joints.
+
+        Args:
+            numbers: the config's numbers, (n_joints,) each; what is None is left out.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdealPdActuatorCfg(ExplicitActuatorCfg):
+    """Ideal PD control: τ = clip(kp (q* − q) + kd (q̇* − q̇) + τ*, ±effort_limit).
+
+    Attributes:
+        stiffness: kp [N·m/rad; N/m].
+        damping: kd [N·m·s/rad; N·s/m].
+        effort_limit: the most that it makes [N·m; N]; None for no limit.
+    """
+
+    stiffness: Numbers = number(at_least=0)
+    damping: Numbers = number(at_least=0)
+    effort_limit: Numbers | None = number(default=None, above=0)
+
+    def law(self, numbers: Mapping[str, FloatArray]) -> Law:
+        """As in `ExplicitActuatorCfg`."""
+        return PdLaw(pd_parameters(numbers))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DcMotorActuatorCfg(IdealPdActuatorCfg):
+    """PD control through a DC motor, which is weaker the faster it turns (`laws.dc_motor`).
+
+    Attributes:
+        saturation_effort: what it makes for a moment at standstill (stall torque) [N·m; N].
+        velocity_limit: how fast it turns without load [rad/s; m/s].
+    """
+
+    saturation_effort: Numbers = number(above=0)
+    velocity_limit: Numbers = number(above=0)
+
+    def law(self, numbers: Mapping[str, FloatArray]) -> Law:
+        """As in `ExplicitActuatorCfg`."""
+        motor = {name: numbers[name] for name in ("saturation_effort", "velocity_limit")}
+        return DcMotorLaw({**pd_parameters(numbers), **motor})
+
+
+def pd_parameters(numbers: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Stiffness, damping and effort limit, which is infinite where there is none."""
+    kp = numbers["stiffness"]
+    return {
+        "stiffness": kp,
+        "damping": numbers["damping"],
+        "effort_limit": numbers.get("effort_limit", np.full(kp.shape, np.inf)),
+    }
+
+
+class ExplicitActuator(TargetedActuator):
+    """Runs a law and sends what it makes through a motor."""
+
+    cfg: ExplicitActuatorCfg
+
+    def __init__(self, cfg: ExplicitActuatorCfg):
+        super().__init__(cfg)
+        self._law: Law | None = None
+        self._strength: FloatArray | None = None
+        self._computed: FloatArray = np.zeros(0)
+        self._applied: FloatArray = np.zeros(0)
+
+    def _element(self, target: Any, name: str, numbers: Mapping[str, float]) -> Any:
+        gear = {"gear": self.cfg.gear} if self.cfg.gear else {}
+        return add_general(target, self.cfg.transmission, **gear)
+
+    def _bind(self) -> None:
+        self._law = self.cfg.law(self._numbers)
+        self._law.allocate(self.shape)
+        self._strength = None
+        self._computed = np.zeros(self.shape)
+        self._applied = np.zeros(self.shape)
+        if self.cfg.transmission == "joint" and {"stiffness", "damping"} <= {*self._law.names}:
+            for problem in unstable_gains(
+                self.simulation.model,
+                self.joint_names,
+                self._places,
+                self._law.get("stiffness"),
+                self._law.get("damping"),
+            ):
+                warnings.warn(problem, UserWarning, stacklevel=3)
+
+    def control(
+        self,
+        position_target: FloatArray | None,
+        velocity_target: FloatArray | None,
+        effort_target: FloatArray | None,
+    ) -> FloatArray:
+        """As in `Actuator`."""
+        q, qd = self.state()
+        computed, applied = self.law.effort(position_target, velocity_target, effort_target, q, qd)
+        if self._strength is not None:
+            applied *= self._strength
+        self._computed, self._applied = computed, applied
+        return applied
+
+    @property
+    def law(self) -> Law:
+        """Its law, with the state of every joint."""
+        if self._law is None:
+            raise RuntimeError(f"call initialize(physics) on the actuator of {self.cfg} first")
+        return self._law
+
+    @property
+    def takes(self) -> frozenset[str]:
+        """As in `Actuator`."""
+        return frozenset(TARGETS)
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """As in `Actuator`."""
+        return self.law.needs
+
+    @property
+    def holds(self) -> bool:
+        """As in `Actuator`."""
+        return False
+
+    @property
+    def computed_effort(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self._computed.copy()
+
+    @property
+    def applied_effort(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self._applied.copy()
+
+    def _reset(self, rows: Rows, random_state: Random | None) -> None:
+        del random_state
+        self.law.reset(rows)
+        at = slice(None) if rows is None else rows
+        # Not in place: what `compute` returned belongs to whoever asked for it.
+        self._computed, self._applied = self._computed.copy(), self._applied.copy()
+        self._computed[at] = 0.0
+        self._applied[at] = 0.0
+
+    def _own(self) -> Mapping[str, FloatArray]:
+        one = np.ones(len(self.joint_names))
+        return {**{name: self.law.get(name) for name in self.law.names}, "strength": one}
+
+    def _read(self, name: str) -> FloatArray:
+        if name == "strength":
+            return np.ones(self.shape) if self._strength is None else self._strength
+        return self.law.get(name)
+
+    def _write(self, name: str, values: FloatArray, rows: Rows) -> None:
+        if name != "strength":
+            self.law.set(name, values, rows)
+            return
+        strength = np.array(np.broadcast_to(self._read(name), self.shape))
+        strength[slice(None) if rows is None else rows] = values
+        self._strength = strength

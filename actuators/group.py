@@ -1,0 +1,250 @@
+"""The actuators of one robot, side by side.
+
+    actuators = ActuatorGroup((hip_cfg, knee_cfg))
+    actuators.edit_mjcf(root)
+    physics = mjcf.Physics.from_mjcf_model(root)
+    actuators.initialize(physics)
+    actuators.apply(ActuatorCmd(position_target=targets))     # before every physics step
+
+Its arrays have one column per joint, of all its actuators together, in kinematic order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from walkerkit.actuators.actuator import Actuator, Random
+from walkerkit.actuators.command import TARGETS, ActuatorCmd
+from walkerkit.actuators.config import ActuatorCfg
+from walkerkit.actuators.simulation import Simulation, indexer
+
+if TYPE_CHECKING:
+    from dm_control import mjcf
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
+class ActuatorGroup:
+    """Several actuators that share out the joints of a robot.
+
+    Args:
+        cfgs: their configs.
+
+    Attributes:
+        actuators: the actuators, in the order of the configs.
+
+    Raises:
+        TypeError: something is not a config.
+        ValueError: there is none.
+    """
+
+    def __init__(self, cfgs: Iterable[ActuatorCfg]):
+        configs = (cfgs,) if isinstance(cfgs, ActuatorCfg) else tuple(cfgs)
+        for cfg in configs:
+            if not isinstance(cfg, ActuatorCfg):
+                raise TypeError(f"actuators should be actuator configs, got {cfg!r}")
+        if not configs:
+            raise ValueError("actuators is empty: give at least one actuator config")
+        self.cfgs = configs
+        self.actuators: tuple[Actuator, ...] = tuple(cfg.build() for cfg in configs)
+        self._joint_names: tuple[str, ...] = ()
+        self._columns: tuple[Any, ...] = ()
+        self._single = len(configs) == 1
+        self._last: ActuatorCmd | None = None
+        self._parts: tuple[ActuatorCmd, ...] = ()
+        self._simulation: Simulation | None = None
+        self._ctrl: FloatArray = np.zeros(0)
+        self._ctrl_at: tuple[Any, ...] = ()
+        self._order: tuple[IntArray, ...] = ()
+
+    def edit_mjcf(self, root: mjcf.RootElement) -> None:
+        """Adds all of them to the model.
+
+        Args:
+            root: the model, before compilation. A joint that two configs claim leaves it as it was.
+
+        Raises:
+            ValueError: as `Actuator.edit_mjcf`, or two configs claim one joint.
+        """
+        claimed: dict[int, tuple[Any, ActuatorCfg]] = {}
+        for actuator, cfg in zip(self.actuators, self.cfgs, strict=True):
+            for target in actuator.targets(root):
+                other = claimed.get(id(target))
+                if other is not None:
+                    raise ValueError(
+                        f"joint {target.prefixed_identifier(prefix_root=root)!r} is claimed by "
+                        f"{_named(other[1])} and by {_named(cfg)}: make one of the expressions "
+                        "narrower"
+                    )
+                claimed[id(target)] = target, cfg
+        for actuator in self.actuators:
+            actuator.edit_mjcf(root)
+        names = [name for actuator in self.actuators for name in actuator.joint_names]
+        rank = {
+            element.prefixed_identifier(prefix_root=root): i
+            for i, element in enumerate(
+                element
+                for within, kind in (
+                    (root.worldbody, "joint"),
+                    (root.tendon, "tendon"),
+                    (root.worldbody, "site"),
+                )
+                for element in within.find_all(kind)
+            )
+        }
+        self._joint_names = tuple(sorted(names, key=rank.__getitem__))
+        at = {name: i for i, name in enumerate(self._joint_names)}
+        self._order = tuple(
+            np.array([at[name] for name in actuator.joint_names], dtype=np.intp)
+            for actuator in self.actuators
+        )
+        self._columns = tuple(indexer(order) for order in self._order)
+
+    def initialize(self, physics: Any) -> None:
+        """Finds their places in the compiled model; again after each compilation.
+
+        Args:
+            physics: what `Simulation.of` takes.
+
+        Raises:
+            RuntimeError: `edit_mjcf` was not called before the compilation.
+        """
+        for actuator in self.actuators:
+            actuator.initialize(physics)
+        self._simulation = self.actuators[0].simulation
+        self._ctrl = self._simulation.state("ctrl")
+        self._ctrl_at = tuple(indexer(actuator.ctrl_ids) for actuator in self.actuators)
+        self._last = None
+
+    def reset(self, env_ids: ArrayLike | None = None, random_state: Random | None = None) -> None:
+        """Forgets what happened, as `Actuator.reset`."""
+        for actuator in self.actuators:
+            actuator.reset(env_ids, random_state)
+        self._last = None
+
+    def update(self, dt: float) -> None:
+        """As `Actuator.update`."""
+        for actuator in self.actuators:
+            actuator.update(dt)
+
+    def compute(self, cmd: ActuatorCmd) -> FloatArray:
+        """The controls for the next physics step.
+
+        Args:
+            cmd: targets of all joints, in the order of `joint_names`.
+
+        Returns:
+            Controls of the same shape and order; they belong at `ctrl_ids`.
+        """
+        if self._single:
+            return self.actuators[0].compute(cmd)
+        controls = np.empty((*self.simulation.batch_shape, len(self._joint_names)))
+        for actuator, part, columns in zip(
+            self.actuators, self._split(cmd), self._columns, strict=True
+        ):
+            controls[..., columns] = actuator.compute(part)
+        return controls
+
+    def apply(self, cmd: ActuatorCmd) -> None:
+        """Computes the controls and writes them; what holds from the step before is left alone.
+
+        Args:
+            cmd: as in `compute`.
+        """
+        again = cmd is self._last
+        parts = self._split(cmd)
+        for actuator, part, at in zip(self.actuators, parts, self._ctrl_at, strict=True):
+            if not (again and actuator.holds):
+                self._ctrl[..., at] = actuator.compute(part)
+
+    def _split(self, cmd: ActuatorCmd) -> tuple[ActuatorCmd, ...]:
+        if cmd is self._last:
+            return self._parts
+        expected = (*self.simulation.batch_shape, len(self._joint_names))
+        if cmd.shape is not None and cmd.shape != expected:
+            raise ValueError(
+                f"the targets have shape {cmd.shape}, the robot takes {expected}: one number for "
+                f"each of {list(self._joint_names)}"
+            )
+        parts: tuple[ActuatorCmd, ...] = (cmd,)
+        if not self._single:
+            parts = tuple(
+                _what_it_takes(cmd.select(columns), actuator)
+                for actuator, columns in zip(self.actuators, self._columns, strict=True)
+            )
+        self._last, self._parts = cmd, parts
+        return parts
+
+    @property
+    def simulation(self) -> Simulation:
+        """What they were initialized with."""
+        if self._simulation is None:
+            raise RuntimeError("call initialize(physics) after the model was compiled")
+        return self._simulation
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of all joints, in kinematic order."""
+        return self._joint_names
+
+    @property
+    def joint_ids(self) -> IntArray:
+        """Ids of all joints in the compiled model, (n_joints,)."""
+        return self._gather([actuator.joint_ids for actuator in self.actuators]).astype(np.intp)
+
+    @property
+    def ctrl_ids(self) -> IntArray:
+        """Places of the controls in `ctrl`, (n_joints,)."""
+        return self._gather([actuator.ctrl_ids for actuator in self.actuators]).astype(np.intp)
+
+    @property
+    def takes(self) -> frozenset[str]:
+        """The targets that at least one of them can follow, of `TARGETS`."""
+        every = {name for actuator in self.actuators for name in actuator.takes}
+        return frozenset(name for name in TARGETS if name in every)
+
+    @property
+    def elements(self) -> tuple[Any, ...]:
+        """MuJoCo's actuators, in the order of `joint_names`."""
+        every: list[Any] = [None] * len(self._joint_names)
+        for actuator, order in zip(self.actuators, self._order, strict=True):
+            for place, element in zip(order, actuator.elements, strict=True):
+                every[int(place)] = element
+        return tuple(every)
+
+    @property
+    def computed_effort(self) -> FloatArray:
+        """What the laws asked for in the last step, before any limit [N·m; N]."""
+        return self._gather([actuator.computed_effort for actuator in self.actuators])
+
+    @property
+    def applied_effort(self) -> FloatArray:
+        """What was left of it after the limits [N·m; N]."""
+        return self._gather([actuator.applied_effort for actuator in self.actuators])
+
+    def _gather(self, parts: list[NDArray[Any]]) -> NDArray[Any]:
+        every = np.empty((*parts[0].shape[:-1], len(self._joint_names)), dtype=parts[0].dtype)
+        for part, columns in zip(parts, self._columns, strict=True):
+            every[..., columns] = part
+        return every
+
+
+def _what_it_takes(cmd: ActuatorCmd, actuator: Actuator) -> ActuatorCmd:
+    """Without the positions and velocities that other joints' actuators asked for.
+
+    An effort that nothing would make is left in, to be refused.
+    """
+    unused = {"position_target", "velocity_target"} - actuator.takes
+    for name in unused:
+        object.__setattr__(cmd, name, None)
+    return cmd
+
+
+def _named(cfg: ActuatorCfg) -> str:
+    expressions = getattr(cfg, "joint_names_expr", ())
+    return f"{type(cfg).__name__}(joint_names_expr={expressions})"

@@ -1,0 +1,1 @@
+"""The laws of explicit actuators: pure numpy functions over `(..., n_joints)`, and their state."""

@@ -1,0 +1,126 @@
+"""The torque–speed line of a direct-current motor.
+
+With stall torque S, no-load speed V and continuous limit F, a motor at speed v can make at most
+
+    hi = min(S (1 − v/V), F)   and   at least   lo = max(−S (1 + v/V), −F),
+
+with v held within ±V (1 + F/S), where these lines meet the limit. Faster than V it can only brake.
+`DcMotorActuator` of mjlab and of Isaac Lab document the same curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.actuators.laws.law import Law, Target
+from walkerkit.actuators.laws.pd import pd_effort
+
+FloatArray = NDArray[np.float64]
+
+
+def dc_motor_clip(
+    effort: FloatArray,
+    qd: FloatArray,
+    saturation_effort: FloatArray,
+    velocity_limit: FloatArray,
+    effort_limit: FloatArray,
+) -> FloatArray:
+    """What a DC motor makes of an effort that it is asked for, a new array (..., n_joints).
+
+    Args:
+        effort: asked for [N·m; N].
+        qd: velocity [rad/s; m/s].
+        saturation_effort: S, at standstill [N·m; N].
+        velocity_limit: V, without load [rad/s; m/s].
+        effort_limit: F, what it may make for long [N·m; N].
+    """
+    corner = velocity_limit * (1 + effort_limit / saturation_effort)
+    line = saturation_effort / velocity_limit
+    return _clip(effort, qd, saturation_effort, line, corner, -corner, effort_limit, None, None)
+
+
+def _clip(
+    effort: FloatArray,
+    qd: FloatArray,
+    stall: FloatArray,
+    line: FloatArray,
+    corner: FloatArray,
+    other_corner: FloatArray,
+    limit: FloatArray,
+    scratch: FloatArray | None,
+    scratch2: FloatArray | None,
+) -> FloatArray:
+    lost = np.minimum(qd, corner, out=scratch)
+    lost = np.maximum(lost, other_corner, out=scratch)
+    lost = np.multiply(lost, line, out=scratch)
+    bound = np.subtract(stall, lost, out=scratch2)
+    bound = np.minimum(bound, limit, out=scratch2)
+    out: FloatArray = np.minimum(effort, bound)
+    # The lower bound, with its sign turned.
+    bound = np.add(stall, lost, out=scratch2)
+    bound = np.minimum(bound, limit, out=scratch2)
+    bound = np.negative(bound, out=scratch2)
+    return np.maximum(out, bound, out=out)
+
+
+class DcMotorClip:
+    """`dc_motor_clip` for parameters that seldom change.
+
+    Args:
+        saturation_effort: S [N·m; N], (..., n_joints), as the next two.
+        velocity_limit: V [rad/s; m/s].
+        effort_limit: F [N·m; N].
+        shape: of the efforts.
+    """
+
+    def __init__(
+        self,
+        saturation_effort: FloatArray,
+        velocity_limit: FloatArray,
+        effort_limit: FloatArray,
+        shape: tuple[int, ...],
+    ):
+        corner = velocity_limit * (1 + effort_limit / saturation_effort)
+        self._curve = (
+            saturation_effort,
+            saturation_effort / velocity_limit,
+            corner,
+            -corner,
+            effort_limit,
+        )
+        self._scratch = np.empty(shape), np.empty(shape)
+
+    def __call__(self, effort: FloatArray, qd: FloatArray) -> FloatArray:
+        """The effort that is left, a new array (..., n_joints) [N·m; N]."""
+        return _clip(effort, qd, *self._curve, *self._scratch)
+
+
+class DcMotorLaw(Law):
+    """PD control through a DC motor; parameters those of both."""
+
+    def __init__(self, parameters: Mapping[str, FloatArray]):
+        super().__init__(parameters)
+        if self._parameters["stiffness"].any():
+            self.needs = frozenset({"position_target"})
+
+    def _allocate(self, shape: tuple[int, ...]) -> None:
+        self._scratch = np.empty(shape)
+
+    def _refresh(self) -> None:
+        p = self._parameters
+        self._clip = DcMotorClip(
+            p["saturation_effort"], p["velocity_limit"], p["effort_limit"], self._shape
+        )
+
+    def effort(
+        self, position: Target, velocity: Target, effort: Target, q: FloatArray, qd: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """As in `Law`."""
+        p = self._parameters
+        computed = pd_effort(
+            position, velocity, effort, q, qd, p["stiffness"], p["damping"], self._scratch
+        )
+        return computed, self._clip(computed, qd)

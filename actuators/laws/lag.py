@@ -1,0 +1,143 @@
+"""A delay line in whole physics steps, whose lag may wander.
+
+`lag` steps after a target was pushed it comes out, whatever was pushed in between. The first target
+after a reset stands for all that came before it, so that a robot at rest is not asked for zeros.
+Each simulation has a lag of its own, which is drawn within its bounds at the reset, and again every
+`update_period` steps but with probability `hold_prob`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+Random = np.random.Generator | np.random.RandomState
+
+
+@dataclass(frozen=True, kw_only=True)
+class LagSchedule:
+    """How the lag of a delay line is drawn.
+
+    Attributes:
+        min_lag: least lag [steps].
+        max_lag: greatest lag [steps].
+        hold_prob: probability that a redraw keeps the lag as it is.
+        update_period: steps between redraws; 0 stands for every step.
+    """
+
+    min_lag: int
+    max_lag: int
+    hold_prob: float = 0.0
+    update_period: int = 0
+
+    @property
+    def constant(self) -> bool:
+        """There is one lag only."""
+        return self.min_lag == self.max_lag
+
+    @property
+    def wanders(self) -> bool:
+        """The lag may change within an episode."""
+        return not self.constant and self.hold_prob < 1
+
+
+class DelayLine:
+    """Delays targets of shape (n_joints,) or (n_sims, n_joints).
+
+    Args:
+        schedule: how lags are drawn.
+        shape: of the targets.
+        seed: of the lags.
+    """
+
+    def __init__(self, schedule: LagSchedule, shape: tuple[int, ...], seed: np.random.SeedSequence):
+        self._schedule = schedule
+        self._batch_shape = shape[:-1]
+        # One source for resets and one for redraws, which takes numbers for all simulations at
+        # once: a partial reset then leaves the lags of the others as they would have been.
+        resets, redraws = seed.spawn(2)
+        self._resets = np.random.default_rng(resets)
+        self._redraws = np.random.default_rng(redraws)
+        self._low: IntArray = np.full(self._batch_shape, schedule.min_lag, dtype=np.intp)
+        self._high: IntArray = np.full(self._batch_shape, schedule.max_lag, dtype=np.intp)
+        self._size = schedule.max_lag + 1
+        self._ring = np.zeros((self._size, *shape))
+        self._lag: IntArray = np.zeros(self._batch_shape, dtype=np.intp)
+        self._age: IntArray = np.zeros(self._batch_shape, dtype=np.intp)
+        self._fresh: NDArray[np.bool_] = np.ones(self._batch_shape, dtype=bool)
+        self._any_fresh = True
+        self._head = 0
+        self._same: int | None = None
+        self.reset(None)
+
+    @property
+    def lag(self) -> IntArray:
+        """The present lag [steps], () or (n_sims,), a copy."""
+        return self._lag.copy()
+
+    @property
+    def bounds(self) -> tuple[IntArray, IntArray]:
+        """Least and greatest lag [steps], () or (n_sims,) each."""
+        return self._low.copy(), self._high.copy()
+
+    def narrow(self, low: IntArray, high: IntArray, rows: IntArray | None) -> None:
+        """Sets other bounds, within the schedule's; lags follow at the next reset.
+
+        Args:
+            low: least lag [steps], () or (n_rows,).
+            high: greatest lag [steps].
+            rows: simulations; None for all.
+        """
+        at = ... if rows is None else rows
+        self._low[at] = np.clip(low, 0, self._size - 1)
+        self._high[at] = np.clip(high, self._low[at], self._size - 1)
+
+    def reset(self, rows: IntArray | None, random_state: Random | None = None) -> None:
+        """Forgets the past and draws the lag, of all simulations or of some rows."""
+        at = ... if rows is None else rows
+        drawn = self._draw(self._resets if random_state is None else random_state)
+        self._lag[at] = drawn[at]
+        self._age[at] = 0
+        self._fresh[at] = True
+        self._any_fresh = True
+        self._settle()
+
+    def push(self, target: FloatArray) -> FloatArray:
+        """Takes the present target and gives the delayed one, a view of the line."""
+        if self._schedule.wanders:
+            self._wander()
+        self._head = head = (self._head + 1) % self._size
+        self._ring[head] = target
+        if self._any_fresh:
+            self._ring[:, self._fresh] = target[self._fresh]
+            self._fresh[...] = False
+            self._any_fresh = False
+        if self._same is not None:
+            return self._ring[head - self._same]  # type: ignore[no-any-return]
+        return self._ring[head - self._lag, np.arange(len(self._lag))]
+
+    def _draw(self, random_state: Random) -> IntArray:
+        share = random_state.uniform(size=self._batch_shape)
+        drawn = self._low + np.floor(share * (self._high - self._low + 1)).astype(np.intp)
+        return np.asarray(np.minimum(drawn, self._high))
+
+    def _wander(self) -> None:
+        # The lag that the reset drew lasts for the first period.
+        due = (self._age > 0) & (self._age % max(self._schedule.update_period, 1) == 0)
+        self._age += 1
+        if not self._batch_shape and not due:
+            return
+        drawn = self._draw(self._redraws)
+        keep = self._redraws.uniform(size=self._batch_shape) < self._schedule.hold_prob
+        self._lag[...] = np.where(due & ~keep, drawn, self._lag)
+        self._settle()
+
+    def _settle(self) -> None:
+        """Remembers the one lag of all simulations, where there is one: the common, fast case."""
+        lags = self._lag.ravel()
+        same = bool((lags == lags[0]).all()) if lags.size else True
+        self._same = (int(lags[0]) if lags.size else 0) if same else None

@@ -1,0 +1,78 @@
+"""A law: joint effort from targets, position and velocity.
+
+Each law is a pure function over arrays `(..., n_joints)`, written out in its own module, and a
+class that holds the function's parameters, scratch memory and state for one set of joints.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Target = FloatArray | None
+
+
+class Law(abc.ABC):
+    """Parameters and state of one law for n joints.
+
+    Args:
+        parameters: by name, (n_joints,) each.
+    """
+
+    needs: frozenset[str] = frozenset()
+
+    def __init__(self, parameters: Mapping[str, FloatArray]):
+        self._parameters = {name: np.array(value) for name, value in parameters.items()}
+        self._shape: tuple[int, ...] = ()
+
+    def allocate(self, shape: tuple[int, ...]) -> None:
+        """Makes room for arrays of this shape, (n_joints,) or (n_sims, n_joints), state at rest."""
+        self._shape = shape
+        self._allocate(shape)
+        self._refresh()
+
+    def get(self, name: str) -> FloatArray:
+        """A parameter, (n_joints,) or (n_sims, n_joints)."""
+        return self._parameters[name]
+
+    def set(self, name: str, values: FloatArray, rows: NDArray[np.intp] | None) -> None:
+        """Changes a parameter, of all simulations or of some rows."""
+        if rows is None:
+            self._parameters[name] = np.array(values)
+        else:
+            every = np.array(np.broadcast_to(self._parameters[name], self._shape))
+            every[rows] = values
+            self._parameters[name] = every
+        self._refresh()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(self._parameters)
+
+    @abc.abstractmethod
+    def effort(
+        self, position: Target, velocity: Target, effort: Target, q: FloatArray, qd: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The effort that the law asks for, and what its limits leave of it; new arrays.
+
+        Args:
+            position: position targets [rad; m], (..., n_joints), or None.
+            velocity: velocity targets [rad/s; m/s], or None.
+            effort: effort targets [N·m; N], or None.
+            q: positions [rad; m].
+            qd: velocities [rad/s; m/s].
+        """
+
+    def reset(self, rows: NDArray[np.intp] | None) -> None:  # noqa: B027  most have no state
+        """Forgets the past of all simulations or of some rows."""
+
+    def _allocate(self, shape: tuple[int, ...]) -> None:  # noqa: B027
+        """Makes room for state and scratch."""
+
+    def _refresh(self) -> None:  # noqa: B027
+        """Works out what follows from parameters that changed."""

@@ -1,0 +1,80 @@
+"""Proportional-derivative control with feed-forward effort.
+
+τ = kp (q* − q) + kd (q̇* − q̇) + τ*,   |τ| ≤ effort_limit
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.actuators.laws.law import Law, Target
+
+FloatArray = NDArray[np.float64]
+
+
+def pd_effort(
+    position: Target,
+    velocity: Target,
+    effort: Target,
+    q: FloatArray,
+    qd: FloatArray,
+    stiffness: FloatArray,
+    damping: FloatArray,
+    scratch: FloatArray | None = None,
+) -> FloatArray:
+    """Effort of a PD controller, a new array (..., n_joints) [N·m; N].
+
+    Args:
+        position: target [rad; m]; None asks for no position, and kp does nothing.
+        velocity: target [rad/s; m/s]; None stands for zero.
+        effort: feed-forward [N·m; N]; None stands for zero.
+        q: position [rad; m].
+        qd: velocity [rad/s; m/s].
+        stiffness: kp [N·m/rad; N/m].
+        damping: kd [N·m·s/rad; N·s/m].
+        scratch: memory of the result's shape to work in, if any.
+    """
+    if velocity is None:
+        total: FloatArray = np.multiply(damping, qd, out=scratch)
+        total = np.negative(total)
+    else:
+        total = np.subtract(velocity, qd)
+        total *= damping
+    if position is not None:
+        spring = np.subtract(position, q, out=scratch)
+        spring *= stiffness
+        total += spring
+    if effort is not None:
+        total += effort
+    return total
+
+
+def clipped(effort: FloatArray, limit: FloatArray) -> FloatArray:
+    """The effort within ±limit, a new array."""
+    out: FloatArray = np.minimum(effort, limit)
+    return np.maximum(out, -limit, out=out)
+
+
+class PdLaw(Law):
+    """PD control with a limit; parameters stiffness, damping, effort_limit."""
+
+    def __init__(self, parameters: Mapping[str, FloatArray]):
+        super().__init__(parameters)
+        if self._parameters["stiffness"].any():
+            self.needs = frozenset({"position_target"})
+
+    def _allocate(self, shape: tuple[int, ...]) -> None:
+        self._scratch = np.empty(shape)
+
+    def effort(
+        self, position: Target, velocity: Target, effort: Target, q: FloatArray, qd: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """As in `Law`."""
+        p = self._parameters
+        computed = pd_effort(
+            position, velocity, effort, q, qd, p["stiffness"], p["damping"], self._scratch
+        )
+        return computed, clipped(computed, p["effort_limit"])

@@ -1,0 +1,98 @@
+"""How large the gains of an explicit actuator may be.
+
+For a joint of inertia I under τ = −kp q − kd q̇, computed in Python and integrated with
+semi-implicit Euler steps of length h, the characteristic polynomial of one step,
+
+    z² − (2 − h kd/I − h² kp/I) z + (1 − h kd/I),
+
+has both roots inside the unit circle (Jury's criterion) just when
+
+    kd < 2 I/h    and    h² kp/I < 4 − 2 h kd/I,
+
+the second of which is h ω < −2ζ + 2 √(ζ² + 1) with ω² = kp/I and ζ = kd/(2 I ω). Damping that
+MuJoCo itself integrates implicitly adds h·damping to the inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def joint_inertia(model: mujoco.MjModel, dofs: NDArray[np.intp]) -> FloatArray:
+    """Inertia that an effort on each joint moves in the reference pose, the others free.
+
+    Args:
+        model: the compiled model.
+        dofs: the joints' degrees of freedom.
+
+    Returns:
+        (n_joints,) [kg·m²; kg]: 1/(M⁻¹)ᵢᵢ, which is what the fastest motion of the joint feels.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_resetData(model, data)
+    mujoco.mj_forward(model, data)
+    unit = np.zeros((len(dofs), model.nv))
+    unit[np.arange(len(dofs)), dofs] = 1.0
+    moved = np.empty_like(unit)
+    mujoco.mj_solveM(model, data, moved, unit)
+    return 1.0 / moved[np.arange(len(dofs)), dofs]
+
+
+def stability_bounds(
+    inertia: FloatArray, timestep: float, damping: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The largest damping, and the largest stiffness beside this damping, that stay stable.
+
+    Args:
+        inertia: I [kg·m²; kg], (n_joints,).
+        timestep: h [s].
+        damping: kd [N·m·s/rad; N·s/m], (n_joints,).
+
+    Returns:
+        Bounds of kd [N·m·s/rad; N·s/m] and of kp [N·m/rad; N/m], (n_joints,) each.
+    """
+    most_damping = 2 * inertia / timestep
+    most_stiffness = np.maximum(4 * inertia / timestep - 2 * damping, 0.0) / timestep
+    return most_damping, most_stiffness
+
+
+def unstable_gains(
+    model: mujoco.MjModel,
+    names: Sequence[str],
+    dofs: NDArray[np.intp],
+    stiffness: FloatArray,
+    damping: FloatArray,
+) -> list[str]:
+    """A sentence for each joint whose explicit gains are beyond what its timestep bears.
+
+    Args:
+        model: the compiled model.
+        names: the joints' names.
+        dofs: their degrees of freedom, (n_joints,).
+        stiffness: kp [N·m/rad; N/m], (n_joints,).
+        damping: kd [N·m·s/rad; N·s/m], (n_joints,).
+    """
+    timestep = float(model.opt.timestep)
+    inertia = joint_inertia(model, dofs) + timestep * model.dof_damping[dofs]
+    most_damping, most_stiffness = stability_bounds(inertia, timestep, damping)
+    problems = []
+    for i, name in enumerate(names):
+        kp, kd = float(stiffness[i]), float(damping[i])
+        if kd >= most_damping[i]:
+            what = f"damping {kd:g} is beyond {most_damping[i]:.3g} = 2 I/h"
+        elif kp >= most_stiffness[i]:
+            what = f"stiffness {kp:g} is beyond {most_stiffness[i]:.3g} beside damping {kd:g}"
+        else:
+            continue
+        problems.append(
+            f"joint {name!r}: {what}, the bound of an explicit actuator at inertia "
+            f"{inertia[i]:.3g} kg·m² and timestep {timestep:g} s; use BuiltinPdActuatorCfg, which "
+            "MuJoCo integrates implicitly, a shorter timestep, or smaller gains"
+        )
+    return problems

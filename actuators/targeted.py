@@ -1,0 +1,324 @@
+"""An actuator of the joints, tendons or sites that its config names."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from walkerkit.actuators.actuator import Actuator, Rows, rows_of, unknown_parameter
+from walkerkit.actuators.config import JOINT_ATTRIBUTES, TargetedActuatorCfg
+from walkerkit.actuators.errors import listed
+from walkerkit.actuators.selection import per_joint, select
+from walkerkit.actuators.simulation import Simulation, indexer
+
+if TYPE_CHECKING:
+    from dm_control import mjcf
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+_OBJECT = {
+    "joint": mujoco.mjtObj.mjOBJ_JOINT,
+    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
+    "site": mujoco.mjtObj.mjOBJ_SITE,
+}
+_SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+_MODEL_FIELD = {
+    "joint": {
+        "armature": "dof_armature",
+        "frictionloss": "dof_frictionloss",
+        "viscous_damping": "dof_damping",
+    },
+    "tendon": {
+        "armature": "tendon_armature",
+        "frictionloss": "tendon_frictionloss",
+        "viscous_damping": "tendon_damping",
+    },
+    "site": {},
+}
+
+
+class TargetedActuator(Actuator):
+    """Finds its joints, in the text and in the compiled model; subclasses add the law.
+
+    Args:
+        cfg: the config.
+    """
+
+    def __init__(self, cfg: TargetedActuatorCfg):
+        super().__init__()
+        self.cfg = cfg
+        self._root: Any = None
+        self._targets: list[Any] = []
+        self._elements: tuple[Any, ...] = ()
+        self._joint_names: tuple[str, ...] = ()
+        self._numbers: dict[str, FloatArray] = {}
+        self._simulation: Simulation | None = None
+        self._joint_ids: IntArray = np.zeros(0, dtype=np.intp)
+        self._actuator_ids: IntArray = np.zeros(0, dtype=np.intp)
+        self._ctrl_ids: IntArray = np.zeros(0, dtype=np.intp)
+        self._length: tuple[FloatArray, Any] = (np.zeros(0), ...)
+        self._speed: tuple[FloatArray, Any] = (np.zeros(0), ...)
+        self._nominal_of: mujoco.MjModel | None = None
+        self._nominal: dict[str, FloatArray] = {}
+
+    # What subclasses say.
+
+    adds_elements: ClassVar[bool] = True
+    """It adds actuators to the model, instead of working through those that are there."""
+
+    @abc.abstractmethod
+    def _element(self, target: mjcf.Element, name: str, numbers: Mapping[str, float]) -> Any:
+        """Adds (or finds) MuJoCo's actuator of one target, of which `numbers` has the config's."""
+
+    @abc.abstractmethod
+    def _bind(self) -> None:
+        """Makes ready for the compiled model and the batch's shape."""
+
+    @abc.abstractmethod
+    def _own(self) -> Mapping[str, FloatArray]:
+        """The law's own parameters as configured, each (n_joints,)."""
+
+    @abc.abstractmethod
+    def _read(self, name: str) -> FloatArray:
+        """One of the law's own parameters as it is now, (n_joints,) or (n_sims, n_joints)."""
+
+    @abc.abstractmethod
+    def _write(self, name: str, values: FloatArray, rows: Rows) -> None:
+        """Changes one of the law's own parameters."""
+
+    # Lifecycle.
+
+    def targets(self, root: mjcf.RootElement) -> list[mjcf.Element]:
+        """As in `Actuator`."""
+        kind = self.cfg.transmission
+        named = _candidates(root, kind)
+        if not named:
+            raise ValueError(
+                f"joint_names_expr={self.cfg.joint_names_expr}: the model {root.model!r} has no "
+                f"{'hinge or slide joint' if kind == 'joint' else kind} with a name"
+            )
+        chosen = select(self.cfg.joint_names_expr, list(named))
+        elements = list(named.values())
+        return [elements[i] for i in chosen]
+
+    def edit_mjcf(self, root: mjcf.RootElement) -> None:
+        """As in `Actuator`."""
+        targets = self.targets(root)
+        joint_names = tuple(t.prefixed_identifier(prefix_root=root) for t in targets)
+        numbers = {
+            name: per_joint(value, joint_names, field=name)
+            for name, value in self.cfg.numbers().items()
+        }
+        if self.adds_elements:
+            self._refuse_taken(root, targets, joint_names)
+        for i, target in enumerate(targets):
+            for name, attribute in JOINT_ATTRIBUTES.items():
+                if name in numbers:
+                    setattr(target, attribute, float(numbers[name][i]))
+        self._elements = tuple(
+            self._element(target, name, {key: float(one[i]) for key, one in numbers.items()})
+            for i, (target, name) in enumerate(zip(targets, joint_names, strict=True))
+        )
+        self._root, self._targets, self._joint_names = root, targets, joint_names
+        self._numbers = numbers
+
+    def _refuse_taken(
+        self, root: mjcf.RootElement, targets: list[mjcf.Element], names: tuple[str, ...]
+    ) -> None:
+        """Refuses joints that have an actuator already."""
+        for target, name in zip(targets, names, strict=True):
+            taken = actuators_of(root, target)
+            if taken:
+                raise ValueError(
+                    f"joint_names_expr={self.cfg.joint_names_expr}: {self.cfg.transmission} "
+                    f"{name!r} already has the actuator {listed(str(e.name) for e in taken)}: "
+                    "remove that from the model, wrap it with an Xml… config, or leave the joint "
+                    "out; two would push against each other"
+                )
+
+    def initialize(self, physics: Any) -> None:
+        """As in `Actuator`."""
+        if not self._elements:
+            raise RuntimeError(
+                f"the actuator of {self.cfg.joint_names_expr} has no joints yet: call "
+                "edit_mjcf(root) before the model is compiled"
+            )
+        simulation = Simulation.of(physics)
+        model = simulation.model
+        kind = self.cfg.transmission
+        self._joint_ids = self._ids(model, self._targets, _OBJECT[kind])
+        self._actuator_ids = self._ids(model, self._elements, mujoco.mjtObj.mjOBJ_ACTUATOR)
+        self._ctrl_ids = model.actuator_ctrladr[self._actuator_ids].astype(np.intp)
+        if kind == "joint":
+            for name, joint in zip(self._joint_names, self._joint_ids, strict=True):
+                if int(model.jnt_type[joint]) not in _SCALAR:
+                    raise ValueError(
+                        f"joint {name!r} is neither hinge nor slide: it has no single position; "
+                        "leave it out of joint_names_expr"
+                    )
+            self._length = simulation.state("qpos"), model.jnt_qposadr[self._joint_ids]
+            self._speed = simulation.state("qvel"), model.jnt_dofadr[self._joint_ids]
+        elif kind == "tendon":
+            self._length = simulation.state("ten_length"), self._joint_ids
+            self._speed = simulation.state("ten_velocity"), self._joint_ids
+        else:
+            self._length = simulation.state("actuator_length"), self._actuator_ids
+            self._speed = simulation.state("actuator_velocity"), self._actuator_ids
+        self._length = _viewed(*self._length)
+        self._speed = _viewed(*self._speed)
+        self._simulation = simulation
+        self._checked = None
+        self._bind()
+        if self._nominal_of is model:
+            # What the model holds by now may be random: back to what it was compiled with.
+            for name, value in self._nominal.items():
+                self.set(name, value)
+        else:
+            fields = _MODEL_FIELD[kind]
+            self._nominal = {
+                **{name: getattr(model, field)[self._places] for name, field in fields.items()},
+                **{name: np.array(value) for name, value in self._own().items()},
+            }
+            self._nominal_of = model
+
+    def _ids(self, model: mujoco.MjModel, elements: Any, kind: mujoco.mjtObj) -> IntArray:
+        ids = []
+        for element in elements:
+            full = element.full_identifier
+            found = mujoco.mj_name2id(model, kind, full)
+            if found < 0:
+                # Compiled from the walker's own root, although it is attached to another.
+                own = element.prefixed_identifier(prefix_root=self._root)
+                found = mujoco.mj_name2id(model, kind, own)
+            if found < 0:
+                raise ValueError(
+                    f"the compiled model has no {element.tag} {full!r}: compile the model that "
+                    "edit_mjcf was called on, or the arena to which it is attached"
+                )
+            ids.append(found)
+        return np.array(ids, dtype=np.intp)
+
+    # State and properties.
+
+    def state(self) -> tuple[FloatArray, FloatArray]:
+        """Position and velocity of its joints, (..., n_joints) each, perhaps live views."""
+        (q, at), (qd, dof) = self._length, self._speed
+        return (q if at is None else q[..., at]), (qd if dof is None else qd[..., dof])
+
+    @property
+    def simulation(self) -> Simulation:
+        """As in `Actuator`."""
+        if self._simulation is None:
+            raise RuntimeError(
+                f"the actuator of {self.cfg.joint_names_expr} does not know its physics: call "
+                "initialize(physics) after the model was compiled"
+            )
+        return self._simulation
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of its arrays: (n_joints,) or (n_sims, n_joints)."""
+        return (*self.simulation.batch_shape, len(self._joint_names))
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """As in `Actuator`."""
+        return self._joint_names
+
+    @property
+    def joint_ids(self) -> IntArray:
+        """As in `Actuator`."""
+        return self._joint_ids
+
+    @property
+    def ctrl_ids(self) -> IntArray:
+        """As in `Actuator`."""
+        return self._ctrl_ids
+
+    @property
+    def elements(self) -> tuple[Any, ...]:
+        """As in `Actuator`."""
+        return self._elements
+
+    # Parameters.
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """As in `Actuator`."""
+        return tuple(self._nominal)
+
+    def nominal(self, name: str) -> FloatArray:
+        """As in `Actuator`."""
+        if name not in self._nominal:
+            raise unknown_parameter(name, self.parameters)
+        return self._nominal[name].copy()
+
+    def get(self, name: str) -> FloatArray:
+        """As in `Actuator`."""
+        if name not in self._nominal:
+            raise unknown_parameter(name, self.parameters)
+        field = _MODEL_FIELD[self.cfg.transmission].get(name)
+        if field is None:
+            values = self._read(name)
+        else:
+            values = self.simulation.parameter(field)[..., self._places]
+        return np.broadcast_to(values, self.shape).copy()
+
+    def set(self, name: str, values: ArrayLike, env_ids: ArrayLike | None = None) -> None:
+        """As in `Actuator`."""
+        if name not in self._nominal:
+            raise unknown_parameter(name, self.parameters)
+        rows = rows_of(env_ids, self.simulation.batch_shape)
+        n_rows = self.shape[:-1] if rows is None else (len(rows),)
+        given = np.broadcast_to(np.asarray(values, dtype=np.float64), (*n_rows, self.shape[-1]))
+        field = _MODEL_FIELD[self.cfg.transmission].get(name)
+        if field is None:
+            self._write(name, given, rows)
+            return
+        at = (..., self._places) if rows is None else np.ix_(rows, self._places)
+        self.simulation.parameter(field)[at] = given
+        self.simulation.commit(field)
+
+    @property
+    def _places(self) -> IntArray:
+        """Where the joints are in the model fields that hold their armature and friction."""
+        if self.cfg.transmission == "joint":
+            return np.asarray(self.simulation.model.jnt_dofadr[self._joint_ids], dtype=np.intp)
+        return self._joint_ids
+
+
+def actuators_of(root: mjcf.RootElement, target: mjcf.Element) -> list[Any]:
+    """MuJoCo's actuators in the model that drive a joint, tendon or site, in its order."""
+    return [
+        element
+        for element in root.root.find_all("actuator")
+        if any(
+            getattr(element, reference, None) is target
+            for reference in ("joint", "jointinparent", "tendon", "site")
+        )
+    ]
+
+
+def _candidates(root: mjcf.RootElement, kind: str) -> dict[str, Any]:
+    """Everything of a kind that has a name, by name, in kinematic order."""
+    within = root.tendon if kind == "tendon" else root.worldbody
+    # A free joint is a joint of another tag, or of a type that a default class may also give: what
+    # the text cannot tell is told after compilation.
+    return {
+        element.prefixed_identifier(prefix_root=root): element
+        for element in within.find_all(kind)
+        if getattr(element, "name", None)
+        and (kind != "joint" or (element.tag == "joint" and element.type not in ("free", "ball")))
+    }
+
+
+def _viewed(array: FloatArray, ids: Any) -> tuple[FloatArray, Any]:
+    """The part of the array as a live view where there is one, else with what indexes it."""
+    at = indexer(ids)
+    return (array[..., at], None) if isinstance(at, slice) else (array, at)

@@ -1,0 +1,119 @@
+"""Actuators that the robot's XML already has, taken over as they are.
+
+    XmlPositionActuatorCfg(joint_names_expr=("hip_joint",))
+
+Targets are in units of the joint. Gears and affine scaling, as of dm_control's scaled actuators,
+are read from the compiled model and undone; a control that the XML limits stays limited.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.actuators.affine import AffineActuator, Kind
+from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.drive import read_drive
+from walkerkit.actuators.errors import listed
+from walkerkit.actuators.targeted import actuators_of
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class XmlActuatorCfg(TargetedActuatorCfg):
+    """A config that takes over the one actuator that each of its joints has."""
+
+    kind: ClassVar[Kind]
+
+    def check(self) -> None:
+        """As in `ActuatorCfg`."""
+        if self.transmission == "site":
+            raise ValueError(
+                "transmission='site': sites are driven in six directions, so there is no target "
+                "to translate; drive the site with BuiltinMotorActuatorCfg"
+            )
+
+    def build(self) -> XmlActuator:
+        """The actuator."""
+        return XmlActuator(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class XmlPositionActuatorCfg(XmlActuatorCfg):
+    """Takes over `<position>` actuators, or `<general>` ones that pull towards a position."""
+
+    kind: ClassVar[Kind] = "position"
+
+
+@dataclass(frozen=True, kw_only=True)
+class XmlVelocityActuatorCfg(XmlActuatorCfg):
+    """Takes over `<velocity>` actuators, or `<general>` ones that pull towards a velocity."""
+
+    kind: ClassVar[Kind] = "velocity"
+
+
+@dataclass(frozen=True, kw_only=True)
+class XmlMotorActuatorCfg(XmlActuatorCfg):
+    """Takes over `<motor>` actuators, or `<general>` ones without a bias."""
+
+    kind: ClassVar[Kind] = "effort"
+
+
+class XmlActuator(AffineActuator):
+    """An affine actuator that was in the model before."""
+
+    cfg: XmlActuatorCfg
+    adds_elements = False
+
+    def __init__(self, cfg: XmlActuatorCfg):
+        super().__init__(cfg, cfg.kind)
+
+    def _element(self, target: Any, name: str, numbers: Mapping[str, float]) -> Any:
+        del numbers
+        found = actuators_of(target.root, target)
+        if len(found) != 1:
+            which = f": {listed(str(e.name) for e in found)}" if found else ""
+            raise ValueError(
+                f"joint_names_expr={self.cfg.joint_names_expr}: {self.cfg.transmission} {name!r} "
+                f"has {len(found)} actuators in the XML{which}; an Xml… config needs just one: "
+                + (
+                    "leave the joint out, or remove all but one"
+                    if found
+                    else "leave the joint out, or add one with a Builtin… config"
+                )
+            )
+        return found[0]
+
+    def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
+        slopes, offsets = [], []
+        for name, actuator in zip(self.joint_names, self._actuator_ids, strict=True):
+            drive = read_drive(model, int(actuator))
+            if drive is None or drive.kind != self.cfg.kind:
+                what = "follows no law that is affine in its control" if drive is None else ""
+                raise ValueError(
+                    f"joint_names_expr={self.cfg.joint_names_expr}: the actuator of {name!r} "
+                    + (what or f"takes {_A[drive.kind]}")  # type: ignore[union-attr]
+                    + f", this config {_A[self.cfg.kind]}: "
+                    + (
+                        f"use {_CONFIG[drive.kind]}"
+                        if drive is not None
+                        else "leave the joint out, or replace its actuator"
+                    )
+                )
+            slopes.append(drive.slope)
+            offsets.append(drive.offset)
+        return np.array(slopes), np.array(offsets)
+
+
+_A = {"position": "a position", "velocity": "a velocity", "effort": "an effort"}
+_CONFIG = {
+    "position": "XmlPositionActuatorCfg",
+    "velocity": "XmlVelocityActuatorCfg",
+    "effort": "XmlMotorActuatorCfg",
+}
