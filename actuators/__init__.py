@@ -10,8 +10,13 @@ from walkerkit.actuators.builtin import (
 from walkerkit.actuators.command import ActuatorCmd
 from walkerkit.actuators.config import ActuatorCfg
 from walkerkit.actuators.delayed import DelayedActuator, DelayedActuatorCfg
-from walkerkit.actuators.explicit import DcMotorActuatorCfg, IdealPdActuatorCfg
+from walkerkit.actuators.explicit import (
+    DcMotorActuatorCfg,
+    IdealPdActuatorCfg,
+    RemotizedPdActuatorCfg,
+)
 from walkerkit.actuators.group import ActuatorGroup
+from walkerkit.actuators.learned import LearnedMlpActuatorCfg, LstmActuatorCfg
 from walkerkit.actuators.scaled import add_position_actuator, add_velocity_actuator
 from walkerkit.actuators.wrapped import (
     XmlMotorActuatorCfg,
@@ -32,6 +37,9 @@ __all__ = [
     "DelayedActuator",
     "DelayedActuatorCfg",
     "IdealPdActuatorCfg",
+    "LearnedMlpActuatorCfg",
+    "LstmActuatorCfg",
+    "RemotizedPdActuatorCfg",
     "XmlMotorActuatorCfg",
     "XmlPositionActuatorCfg",
     "XmlVelocityActuatorCfg",

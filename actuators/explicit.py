@@ -9,20 +9,20 @@ from __future__ import annotations
 import abc
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.actuator import Random, Rows
-from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.general import add_general
 from walkerkit.actuators.laws.dc_motor import DcMotorLaw
 from walkerkit.actuators.laws.law import Law
 from walkerkit.actuators.laws.pd import PdLaw
+from walkerkit.actuators.laws.remotized import RemotizedPdLaw
 from walkerkit.actuators.selection import Numbers
 from walkerkit.actuators.stability import unstable_gains
 from walkerkit.actuators.targeted import TargetedActuator
@@ -82,6 +82,41 @@ class DcMotorActuatorCfg(IdealPdActuatorCfg):
         """As in `ExplicitActuatorCfg`."""
         motor = {name: numbers[name] for name in ("saturation_effort", "velocity_limit")}
         return DcMotorLaw({**pd_parameters(numbers), **motor})
+
+
+def _lookup(name: str, value: Any) -> tuple[tuple[float, float], ...]:
+    try:
+        rows = tuple((float(angle), float(limit)) for angle, limit in value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} should be rows of (angle, effort limit), got {value!r}") from None
+    angles = [angle for angle, _ in rows]
+    if len(rows) < 2 or not np.isfinite(rows).all() or not (np.diff(angles) > 0).all():
+        raise ValueError(
+            f"{name} should have two or more rows of finite numbers with rising angles, got "
+            f"{value!r}"
+        )
+    negative = [row for row in rows if row[1] < 0]
+    if negative:
+        raise ValueError(f"{name} has the negative effort limit {negative[0][1]}: limits are ≥ 0")
+    return rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class RemotizedPdActuatorCfg(IdealPdActuatorCfg):
+    """PD control through a linkage: what it can make depends on its angle (`laws.remotized`).
+
+    Attributes:
+        effort_lookup: rows of (angle [rad; m], effort limit [N·m; N]), angles rising; between them
+            the limit is interpolated, beyond them it is that of the nearest row. `effort_limit`
+            limits it further.
+    """
+
+    effort_lookup: tuple[tuple[float, float], ...] = field(metadata={"check": _lookup})
+
+    def law(self, numbers: Mapping[str, FloatArray]) -> Law:
+        """As in `ExplicitActuatorCfg`."""
+        angles, limits = zip(*self.effort_lookup, strict=True)
+        return RemotizedPdLaw(pd_parameters(numbers), angles, limits)
 
 
 def pd_parameters(numbers: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -150,7 +185,7 @@ class ExplicitActuator(TargetedActuator):
     @property
     def takes(self) -> frozenset[str]:
         """As in `Actuator`."""
-        return frozenset(TARGETS)
+        return self.law.takes
 
     @property
     def needs(self) -> frozenset[str]:

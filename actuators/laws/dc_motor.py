@@ -10,13 +10,10 @@ with v held within ±V (1 + F/S), where these lines meet the limit. Faster than 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.laws.law import Law, Target
-from walkerkit.actuators.laws.pd import pd_effort
+from walkerkit.actuators.laws.pd import PdBase
 
 FloatArray = NDArray[np.float64]
 
@@ -98,16 +95,8 @@ class DcMotorClip:
         return _clip(effort, qd, *self._curve, *self._scratch)
 
 
-class DcMotorLaw(Law):
+class DcMotorLaw(PdBase):
     """PD control through a DC motor; parameters those of both."""
-
-    def __init__(self, parameters: Mapping[str, FloatArray]):
-        super().__init__(parameters)
-        if self._parameters["stiffness"].any():
-            self.needs = frozenset({"position_target"})
-
-    def _allocate(self, shape: tuple[int, ...]) -> None:
-        self._scratch = np.empty(shape)
 
     def _refresh(self) -> None:
         p = self._parameters
@@ -115,12 +104,5 @@ class DcMotorLaw(Law):
             p["saturation_effort"], p["velocity_limit"], p["effort_limit"], self._shape
         )
 
-    def effort(
-        self, position: Target, velocity: Target, effort: Target, q: FloatArray, qd: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """As in `Law`."""
-        p = self._parameters
-        computed = pd_effort(
-            position, velocity, effort, q, qd, p["stiffness"], p["damping"], self._scratch
-        )
-        return computed, self._clip(computed, qd)
+    def _limited(self, effort: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
+        return self._clip(effort, qd)

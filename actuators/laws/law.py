@@ -12,6 +12,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.command import TARGETS
+
 FloatArray = NDArray[np.float64]
 Target = FloatArray | None
 
@@ -23,6 +25,7 @@ class Law(abc.ABC):
         parameters: by name, (n_joints,) each.
     """
 
+    takes: frozenset[str] = frozenset(TARGETS)
     needs: frozenset[str] = frozenset()
 
     def __init__(self, parameters: Mapping[str, FloatArray]):

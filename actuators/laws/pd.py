@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Mapping
 
 import numpy as np
@@ -58,8 +59,8 @@ def clipped(effort: FloatArray, limit: FloatArray) -> FloatArray:
     return np.maximum(out, -limit, out=out)
 
 
-class PdLaw(Law):
-    """PD control with a limit; parameters stiffness, damping, effort_limit."""
+class PdBase(Law):
+    """PD control; subclasses say what limits it. Has parameters stiffness and damping at least."""
 
     def __init__(self, parameters: Mapping[str, FloatArray]):
         super().__init__(parameters)
@@ -73,8 +74,17 @@ class PdLaw(Law):
         self, position: Target, velocity: Target, effort: Target, q: FloatArray, qd: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """As in `Law`."""
-        p = self._parameters
-        computed = pd_effort(
-            position, velocity, effort, q, qd, p["stiffness"], p["damping"], self._scratch
-        )
-        return computed, clipped(computed, p["effort_limit"])
+        kp, kd = self._parameters["stiffness"], self._parameters["damping"]
+        computed = pd_effort(position, velocity, effort, q, qd, kp, kd, self._scratch)
+        return computed, self._limited(computed, q, qd)
+
+    @abc.abstractmethod
+    def _limited(self, effort: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
+        """What the limits leave of the effort, a new array."""
+
+
+class PdLaw(PdBase):
+    """PD control within a constant limit; parameters stiffness, damping, effort_limit."""
+
+    def _limited(self, effort: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
+        return clipped(effort, self._parameters["effort_limit"])
