@@ -26,6 +26,8 @@ from walkerkit.actuators.selection import Numbers
 
 FloatArray = NDArray[np.float64]
 
+_EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
+
 
 @dataclass(frozen=True, kw_only=True)
 class BuiltinActuatorCfg(TargetedActuatorCfg):
@@ -129,6 +131,14 @@ class BuiltinActuator(AffineActuator):
             **gear,
             **self._delay(target.root),
         )
+
+    def _bind(self) -> None:
+        super()._bind()
+        model = self.simulation.model
+        if model.opt.integrator == _EULER and self.cfg.transmission == "joint":
+            own = self._own()
+            none = np.zeros(len(self.joint_names))
+            self.warn_unstable(own.get("stiffness", none), own.get("damping", none))
 
     def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
         n = len(self.joint_names)

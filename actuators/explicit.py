@@ -7,7 +7,6 @@ actuator bears can be too much for an explicit one: `initialize` warns where tha
 from __future__ import annotations
 
 import abc
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,7 +23,6 @@ from walkerkit.actuators.laws.law import Law
 from walkerkit.actuators.laws.pd import PdLaw
 from walkerkit.actuators.laws.remotized import RemotizedPdLaw
 from walkerkit.actuators.selection import Numbers
-from walkerkit.actuators.stability import unstable_gains
 from walkerkit.actuators.targeted import TargetedActuator
 
 FloatArray = NDArray[np.float64]
@@ -152,14 +150,7 @@ class ExplicitActuator(TargetedActuator):
         self._computed = np.zeros(self.shape)
         self._applied = np.zeros(self.shape)
         if self.cfg.transmission == "joint" and {"stiffness", "damping"} <= {*self._law.names}:
-            for problem in unstable_gains(
-                self.simulation.model,
-                self.joint_names,
-                self._places,
-                self._law.get("stiffness"),
-                self._law.get("damping"),
-            ):
-                warnings.warn(problem, UserWarning, stacklevel=3)
+            self.warn_unstable(self._law.get("stiffness"), self._law.get("damping"))
 
     def control(
         self,

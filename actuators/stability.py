@@ -1,4 +1,4 @@
-"""How large the gains of an explicit actuator may be.
+"""How large the gains of an actuator may be that is integrated explicitly.
 
 For a joint of inertia I under τ = −kp q − kd q̇, computed in Python and integrated with
 semi-implicit Euler steps of length h, the characteristic polynomial of one step,
@@ -10,7 +10,9 @@ has both roots inside the unit circle (Jury's criterion) just when
     kd < 2 I/h    and    h² kp/I < 4 − 2 h kd/I,
 
 the second of which is h ω < −2ζ + 2 √(ζ² + 1) with ω² = kp/I and ζ = kd/(2 I ω). Damping that
-MuJoCo itself integrates implicitly adds h·damping to the inertia.
+MuJoCo itself integrates implicitly adds h·damping to the inertia. MuJoCo's own actuators are no
+better off under the Euler integrator; under the implicit ones these bounds are not theirs
+(`python -m benchmarks integrators`).
 """
 
 from __future__ import annotations
@@ -69,7 +71,10 @@ def unstable_gains(
     stiffness: FloatArray,
     damping: FloatArray,
 ) -> list[str]:
-    """A sentence for each joint whose explicit gains are beyond what its timestep bears.
+    """A sentence for each joint whose gains are beyond what its timestep bears.
+
+    It is about actuators that the integrator treats explicitly: all laws that run in Python, and
+    MuJoCo's own under Euler.
 
     Args:
         model: the compiled model.
@@ -91,8 +96,8 @@ def unstable_gains(
         else:
             continue
         problems.append(
-            f"joint {name!r}: {what}, the bound of an explicit actuator at inertia "
-            f"{inertia[i]:.3g} kg·m² and timestep {timestep:g} s; use BuiltinPdActuatorCfg, which "
-            "MuJoCo integrates implicitly, a shorter timestep, or smaller gains"
+            f"joint {name!r}: {what}, the bound of explicit integration at inertia "
+            f"{inertia[i]:.3g} kg·m² and timestep {timestep:g} s; use BuiltinPdActuatorCfg with "
+            'the integrator "implicitfast", a shorter timestep, or smaller gains'
         )
     return problems

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,6 +16,7 @@ from walkerkit.actuators.config import JOINT_ATTRIBUTES, TargetedActuatorCfg
 from walkerkit.actuators.errors import listed
 from walkerkit.actuators.selection import per_joint, select
 from walkerkit.actuators.simulation import Simulation, indexer
+from walkerkit.actuators.stability import unstable_gains
 
 if TYPE_CHECKING:
     from dm_control import mjcf
@@ -203,6 +205,17 @@ class TargetedActuator(Actuator):
                 )
             ids.append(found)
         return np.array(ids, dtype=np.intp)
+
+    def warn_unstable(self, stiffness: FloatArray, damping: FloatArray) -> None:
+        """Warns of gains that explicit integration does not bear.
+
+        Args:
+            stiffness: kp [N·m/rad; N/m], (n_joints,).
+            damping: kd [N·m·s/rad; N·s/m], (n_joints,).
+        """
+        model = self.simulation.model
+        for problem in unstable_gains(model, self._joint_names, self._places, stiffness, damping):
+            warnings.warn(problem, UserWarning, stacklevel=2)
 
     # State and properties.
 
