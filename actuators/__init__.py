@@ -17,7 +17,24 @@ from walkerkit.actuators.explicit import (
 )
 from walkerkit.actuators.group import ActuatorGroup
 from walkerkit.actuators.learned import LearnedMlpActuatorCfg, LstmActuatorCfg
-from walkerkit.actuators.scaled import add_position_actuator, add_velocity_actuator
+from walkerkit.actuators.motors import (
+    MOTORS,
+    ElectricActuator,
+    Gains,
+    Motor,
+    gains_from_bandwidth,
+    linkage_matrix,
+    parallel_linkage,
+    reflected_inertia,
+    reflected_inertia_from_two_stage_planetary,
+    rotary_to_linear,
+    rpm_to_rad,
+)
+from walkerkit.actuators.scaled import (
+    add_effort_actuator,
+    add_position_actuator,
+    add_velocity_actuator,
+)
 from walkerkit.actuators.wrapped import (
     XmlMotorActuatorCfg,
     XmlPositionActuatorCfg,
@@ -25,6 +42,7 @@ from walkerkit.actuators.wrapped import (
 )
 
 __all__ = [
+    "MOTORS",
     "Actuator",
     "ActuatorCfg",
     "ActuatorCmd",
@@ -36,13 +54,24 @@ __all__ = [
     "DcMotorActuatorCfg",
     "DelayedActuator",
     "DelayedActuatorCfg",
+    "ElectricActuator",
+    "Gains",
     "IdealPdActuatorCfg",
     "LearnedMlpActuatorCfg",
     "LstmActuatorCfg",
+    "Motor",
     "RemotizedPdActuatorCfg",
     "XmlMotorActuatorCfg",
     "XmlPositionActuatorCfg",
     "XmlVelocityActuatorCfg",
+    "add_effort_actuator",
     "add_position_actuator",
     "add_velocity_actuator",
+    "gains_from_bandwidth",
+    "linkage_matrix",
+    "parallel_linkage",
+    "reflected_inertia",
+    "reflected_inertia_from_two_stage_planetary",
+    "rotary_to_linear",
+    "rpm_to_rad",
 ]

@@ -90,7 +90,7 @@ class AffineActuator(NativeActuator):
                 control += self._now["stiffness"] * position
             if velocity is not None:
                 control += self._now["damping"] * velocity
-            return control * self._now["strength"]
+            return control
         target = {"position": position, "velocity": velocity, "effort": effort}[self._kind]
         return np.asarray(self._slope * np.asarray(target) + self._offset)
 

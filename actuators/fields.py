@@ -96,7 +96,9 @@ def number(
 def choice(*valid: str, default: Any = ...) -> Any:
     """A dataclass field that holds one of a few words."""
 
-    def check(name: str, value: Any) -> str:
+    def check(name: str, value: Any) -> str | None:
+        if value is None and default is None:
+            return None
         if value not in valid:
             raise ValueError(
                 f"{name} should be one of {list(valid)}, got {value!r}{closest(str(value), valid)}"

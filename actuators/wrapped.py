@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from walkerkit.actuators.affine import AffineActuator, Kind
 from walkerkit.actuators.config import TargetedActuatorCfg
-from walkerkit.actuators.drive import read_drive
+from walkerkit.actuators.drive import Drive, read_drive
 from walkerkit.actuators.errors import listed
+from walkerkit.actuators.fields import choice
 from walkerkit.actuators.targeted import actuators_of
 
 FloatArray = NDArray[np.float64]
@@ -60,9 +61,16 @@ class XmlVelocityActuatorCfg(XmlActuatorCfg):
 
 @dataclass(frozen=True, kw_only=True)
 class XmlMotorActuatorCfg(XmlActuatorCfg):
-    """Takes over `<motor>` actuators, or `<general>` ones without a bias."""
+    """Takes over `<motor>` actuators, or `<general>` ones whose force is that of the control.
+
+    Attributes:
+        bias: what a constant bias in the XML is: an `offset` of the control, as where an effort
+            range that is not symmetric is mapped onto it, or an `effort` that the drive really
+            makes besides. Only needed where there is one.
+    """
 
     kind: ClassVar[Kind] = "effort"
+    bias: Literal["offset", "effort"] | None = choice("offset", "effort", default=None)
 
 
 class XmlActuator(AffineActuator):
@@ -91,24 +99,37 @@ class XmlActuator(AffineActuator):
         return found[0]
 
     def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
-        slopes, offsets = [], []
-        for name, actuator in zip(self.joint_names, self._actuator_ids, strict=True):
-            drive = read_drive(model, int(actuator))
-            if drive is None or drive.kind != self.cfg.kind:
-                what = "follows no law that is affine in its control" if drive is None else ""
-                raise ValueError(
-                    f"joint_names_expr={self.cfg.joint_names_expr}: the actuator of {name!r} "
-                    + (what or f"takes {_A[drive.kind]}")  # type: ignore[union-attr]
-                    + f", this config {_A[self.cfg.kind]}: "
-                    + (
-                        f"use {_CONFIG[drive.kind]}"
-                        if drive is not None
-                        else "leave the joint out, or replace its actuator"
-                    )
-                )
-            slopes.append(drive.slope)
-            offsets.append(drive.offset)
-        return np.array(slopes), np.array(offsets)
+        drives = [
+            self._drive(model, name, int(actuator))
+            for name, actuator in zip(self.joint_names, self._actuator_ids, strict=True)
+        ]
+        slope = np.array([drive.slope for drive in drives])
+        offset = np.array([drive.offset for drive in drives])
+        if getattr(self.cfg, "bias", None) == "offset":
+            offset = offset - self._bias0[:, 0] / self._gain0
+        return slope, offset
+
+    def _drive(self, model: mujoco.MjModel, name: str, actuator: int) -> Drive:
+        drive = read_drive(model, actuator)
+        which = f"joint_names_expr={self.cfg.joint_names_expr}: the actuator of {name!r}"
+        if drive is None:
+            raise ValueError(
+                f"{which} has a law that is not affine in its control: leave the joint out, or "
+                "replace its actuator"
+            )
+        if drive.kind != self.cfg.kind:
+            raise ValueError(
+                f"{which} takes {_A[drive.kind]}, this config {_A[self.cfg.kind]}: use "
+                f"{_CONFIG[drive.kind]}"
+            )
+        bias = float(model.actuator_biasprm[actuator, 0])
+        if drive.kind == "effort" and bias and getattr(self.cfg, "bias", None) is None:
+            raise ValueError(
+                f"{which} has a constant bias of {bias:g}: say bias='offset' if it only shifts the "
+                "control, as where an effort range was mapped onto it, or bias='effort' if the "
+                "drive makes it besides"
+            )
+        return drive
 
 
 _A = {"position": "a position", "velocity": "a velocity", "effort": "an effort"}

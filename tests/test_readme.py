@@ -25,18 +25,29 @@ def _runnable(language: str, code: str) -> bool:
 def test_every_block_runs(repository: Path, tmp_path: Path) -> None:
     blocks = [block for block in _blocks(repository / "README.md") if _runnable(*block)]
     assert len(blocks) >= 4
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     # What `make demo` leaves behind is what the README goes on with.
-    commands = [("bash", "walkerkit demo"), *blocks]
-    for language, code in commands:
-        command = ["bash", "-euo", "pipefail", "-c", code]
-        if language == "python":
-            command = [sys.executable, "-W", "error", "-c", code]
-        done = subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-        )
-        if done.returncode:
-            pytest.fail(f"{code}\nended with {done.returncode}\n{done.stdout}\n{done.stderr}")
+    for language, code in [("bash", "walkerkit demo"), *blocks]:
+        _run(language, code, tmp_path)
+
+
+@pytest.mark.parametrize("page", ["actuators"])
+def test_every_block_of_the_pages_runs(repository: Path, tmp_path: Path, page: str) -> None:
+    blocks = [block for block in _blocks(repository / f"docs/{page}.md") if _runnable(*block)]
+    assert blocks
+    for language, code in blocks:
+        _run(language, code, tmp_path)
+
+
+def _run(language: str, code: str, folder: Path) -> None:
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    command = ["bash", "-euo", "pipefail", "-c", code]
+    if language == "python":
+        command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        pytest.fail(f"{code}\nended with {done.returncode}\n{done.stdout}\n{done.stderr}")
 
 
 def test_names_every_effect_of_the_catalogue(repository: Path) -> None:

@@ -4,6 +4,7 @@ import subprocess
 import sys
 import unittest
 from fractions import Fraction
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import mujoco
@@ -15,7 +16,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from walkerkit import actuators
-from walkerkit.actuators import add_position_actuator, add_velocity_actuator, scaled
+from walkerkit.actuators import scaled, scaled_checks
+from walkerkit.actuators.drive import drives_of_joint
+from walkerkit.actuators.scaled import (
+    add_effort_actuator,
+    add_position_actuator,
+    add_velocity_actuator,
+)
 
 XML = """
 <mujoco>
@@ -77,8 +84,8 @@ def knee(root: Any) -> Any:
 # dm_control's own tests
 
 
-def run_their_tests(implementation: object) -> tuple[int, dict[str, str]]:
-    """Runs dm_control's test case on `implementation`; returns the count and the failures."""
+def run_their_tests() -> tuple[int, dict[str, str]]:
+    """Runs dm_control's test case on our functions; returns the count and the failures."""
     found = importlib.util.find_spec("dm_control.locomotion.walkers.scaled_actuators_test")
     assert found is not None
     assert found.loader is not None
@@ -86,7 +93,12 @@ def run_their_tests(implementation: object) -> tuple[int, dict[str, str]]:
     module = importlib.util.module_from_spec(found)
     found.loader.exec_module(module)
     assert module.scaled_actuators is reference
-    module.scaled_actuators = implementation  # type: ignore[attr-defined]
+    module.scaled_actuators = SimpleNamespace(  # type: ignore[attr-defined]
+        add_position_actuator=add_position_actuator,
+        add_velocity_actuator=add_velocity_actuator,
+        _GOT_INVALID_KWARGS=scaled_checks.GOT_INVALID_KWARGS,
+        _GOT_INVALID_TARGET=scaled_checks.GOT_INVALID_TARGET,
+    )
     result = unittest.TestResult()
     unittest.defaultTestLoader.loadTestsFromModule(module).run(result)
     failed = [*result.failures, *result.errors]
@@ -94,7 +106,7 @@ def run_their_tests(implementation: object) -> tuple[int, dict[str, str]]:
 
 
 def test_dm_controls_own_tests_pass() -> None:
-    count, failures = run_their_tests(scaled)
+    count, failures = run_their_tests()
     assert failures == {}
     assert count >= 4
 
@@ -106,9 +118,9 @@ def test_dm_controls_own_tests_run_our_code(monkeypatch: pytest.MonkeyPatch) -> 
         return affine(targets, controls, 1.001 * gain)
 
     monkeypatch.setattr(scaled, "_affine", wrong)
-    monkeypatch.setattr(scaled, "_DISALLOWED_KWARGS", frozenset())
-    monkeypatch.setattr(scaled, "_check_target", lambda target: "joint")
-    _, failures = run_their_tests(scaled)
+    monkeypatch.setattr(scaled_checks, "DISALLOWED_KWARGS", frozenset())
+    monkeypatch.setattr(scaled_checks, "_check_target", lambda target: "joint")
+    _, failures = run_their_tests()
     assert failures.keys() == {
         "test_position_actuator",
         "test_velocity_actuator",
@@ -118,9 +130,9 @@ def test_dm_controls_own_tests_run_our_code(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_the_messages_are_dm_controls() -> None:
-    assert scaled._GOT_INVALID_KWARGS == reference._GOT_INVALID_KWARGS
-    assert scaled._GOT_INVALID_TARGET == reference._GOT_INVALID_TARGET
-    assert scaled._DISALLOWED_KWARGS == reference._DISALLOWED_KWARGS
+    assert scaled_checks.GOT_INVALID_KWARGS == reference._GOT_INVALID_KWARGS
+    assert scaled_checks.GOT_INVALID_TARGET == reference._GOT_INVALID_TARGET
+    assert scaled_checks.DISALLOWED_KWARGS == reference._DISALLOWED_KWARGS
 
 
 # The same elements as dm_control
@@ -314,6 +326,128 @@ def test_without_refsite_a_site_has_a_velocity_but_no_position(root: Any) -> Non
     assert np.ptp(velocity) > 0.1
 
 
+@each_servo
+@pytest.mark.parametrize("kind", ["joint", "site"])
+def test_moves_bit_for_bit_as_dm_controls(servo: Servo, kind: str) -> None:
+    attributes: dict[str, Any] = {servo.gain: 3.1}
+    if kind == "site":
+        attributes |= {"refsite": "base", "gear": [0.3, 0.1, 0.7, 0, 0, 0]}
+    controls = np.random.default_rng(4).uniform(-1.2, 1.2, size=300)
+    trajectories = []
+    for add in (servo.ours, servo.theirs):
+        root = mjcf.from_xml_string(XML)
+        add(root.find(*TARGETS[kind]), (-0.6, 1.1), **attributes)
+        trajectories.append(simulate(root, controls))
+    assert trajectories[0].tobytes() == trajectories[1].tobytes()
+    assert np.ptp(trajectories[0][:, -1]) > 0.1
+
+
+# Damping of a position servo
+
+
+@quick
+@given(targets=RANGES, controls=RANGES, kp=GAINS, kv=GAINS)
+def test_damping_changes_one_number_only(targets: Any, controls: Any, kp: Any, kv: Any) -> None:
+    root = mjcf.from_xml_string(XML)
+    knee = root.find("joint", "knee")
+    damped = add_position_actuator(knee, targets, controls, kp, kv=kv)
+    expected = reference.add_position_actuator(knee, targets, controls, kp)
+    assert damped.biasprm[2] == -kv
+    damped.biasprm = [*damped.biasprm[:2], 0]
+    assert bits(damped) == bits(expected)
+
+
+def test_damped_servo_moves_like_the_native_one() -> None:
+    roots = [mjcf.from_xml_string(XML) for _ in range(2)]
+    add_position_actuator(roots[0].find("joint", "knee"), (-0.6, 1.1), kp=7.3, kv=0.4, gear=[3])
+    roots[1].actuator.add("position", joint="knee", kp=7.3, kv=0.4, gear=[3])
+    controls = np.random.default_rng(5).uniform(-1, 1, size=300)
+    moved = simulate(roots[0], controls)
+    mapped = -0.6 + (controls + 1) * 0.85
+    np.testing.assert_allclose(moved, simulate(roots[1], mapped), rtol=1e-9, atol=1e-9)
+    undamped = mjcf.from_xml_string(XML)
+    add_position_actuator(undamped.find("joint", "knee"), (-0.6, 1.1), kp=7.3, gear=[3])
+    assert np.abs(moved - simulate(undamped, controls)).max() > 0.1
+
+
+def test_damping_is_a_keyword(knee: Any) -> None:
+    with pytest.raises(TypeError, match="takes from 2 to 4 positional arguments but 5 were given"):
+        add_position_actuator(knee, (-1, 1), (-1, 1), 1.0, 2.0)  # type: ignore[call-arg]
+
+
+# Efforts
+
+
+@quick
+@given(efforts=RANGES, controls=RANGES)
+def test_efforts_span_their_range(efforts: Any, controls: Any) -> None:
+    root = mjcf.from_xml_string(XML)
+    add_effort_actuator(root.find("joint", "knee"), efforts, controls)
+    low, middle, high = (
+        Fraction(float(efforts[0])),
+        (Fraction(float(efforts[0])) + Fraction(float(efforts[1]))) / 2,
+        Fraction(float(efforts[1])),
+    )
+    beyond = float(controls[1] - controls[0])
+    asked = [controls[0], (float(controls[0]) + float(controls[1])) / 2, controls[1]]
+    asked += [controls[0] - beyond, controls[1] + beyond]
+    forces = simulate(root, np.array(asked, float))[:, -1]
+    # The bias is a difference of numbers as large as slope times control.
+    size = float(max(abs(low), abs(high)))
+    size += float((high - low) * Fraction(float(max(abs(asked[0]), abs(asked[2]))))) / beyond
+    expected = [float(force) for force in (low, middle, high, low, high)]
+    np.testing.assert_allclose(forces, expected, rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("kind", TARGETS)
+def test_efforts_move_like_the_native_motor(kind: str) -> None:
+    gear = {"gear": [0.3, 0.1, 0.7, 0, 0, 0] if kind == "site" else [2.5]}
+    roots = [mjcf.from_xml_string(XML) for _ in range(2)]
+    add_effort_actuator(roots[0].find(*TARGETS[kind]), (-0.5, 2), (-2, 3), **gear)
+    target = {TARGETS[kind][0]: roots[1].find(*TARGETS[kind])}
+    roots[1].actuator.add("motor", **target, **gear)
+    controls = np.random.default_rng(6).uniform(-2, 3, size=300)
+    moved = simulate(roots[0], controls)
+    native = simulate(roots[1], 0.5 * controls + 0.5)
+    np.testing.assert_allclose(moved, native, rtol=1e-9, atol=1e-9)
+
+
+def symmetric(numbers: st.SearchStrategy[float]) -> st.SearchStrategy[tuple[float, float]]:
+    return numbers.map(lambda number: (-number, number))
+
+
+@quick
+@given(
+    efforts=symmetric(st.floats(1e-3, 1e3)),
+    controls=symmetric(st.floats(1e-3, 1e3)),
+    target=st.floats(-1, 1),
+)
+def test_symmetric_efforts_are_a_plain_motor(efforts: Any, controls: Any, target: float) -> None:
+    root = mjcf.from_xml_string(XML)
+    made = add_effort_actuator(root.find("joint", "knee"), efforts, controls)
+    assert made.biastype == "none"
+    assert made.biasprm is None
+    model = mujoco.MjModel.from_xml_string(root.to_xml_string())
+    (drive,) = drives_of_joint(model, model.joint("knee").id)
+    assert drive.kind == "effort"
+    assert drive.control(target * efforts[1]) == pytest.approx(target * controls[1])
+
+
+def test_a_bias_from_the_defaults_does_not_reach_a_plain_motor() -> None:
+    leaky = "<general biastype='affine' biasprm='1 2 3' gear='2'/>"
+    root = mjcf.from_xml_string(XML.replace("<default>", f"<default>{leaky}", 1))
+    add_effort_actuator(root.find("joint", "knee"), (-3, 3))
+    forces = simulate(root, np.array([0.0, 0.5, -1.0]))[:, -1]
+    assert forces.tolist() == [0, 1.5, -3]
+
+
+def test_a_line_through_the_origin_need_not_be_symmetric(knee: Any) -> None:
+    assert add_effort_actuator(knee, (-0.5, 1.5), (-1, 3)).biastype == "none"
+    lifted = add_effort_actuator(knee, (0, 10))
+    assert (lifted.biastype, lifted.gainprm.tolist()) == ("affine", [5])
+    assert lifted.biasprm.tolist() == [5, 0, 0]
+
+
 # Refusals
 
 
@@ -351,7 +485,7 @@ BAD_RANGES = [
     (None, TypeError, NOT_TWO_NUMBERS + "None. PyMJCF's `joint.range` is None where a default"),
     (5, TypeError, NOT_TWO_NUMBERS + "5"),
     (np.array(5.0), TypeError, NOT_TWO_NUMBERS + "array(5.)"),
-    ("12", TypeError, NOT_TWO_NUMBERS + "'12'"),
+    ("12", TypeError, NOT_TWO_NUMBERS + "'12'. The one word that stands for a range is `qposrange"),
     (b"12", TypeError, NOT_TWO_NUMBERS + "b'12'"),
     ({0: 1, 1: 2}, TypeError, NOT_TWO_NUMBERS + "{0: 1, 1: 2}"),
     ({1, 2}, TypeError, NOT_TWO_NUMBERS + "{1, 2}"),
@@ -512,7 +646,7 @@ def test_refuses_unknown_attributes(root: Any, knee: Any, kwargs: Any, closest: 
 
 @pytest.mark.parametrize(
     ("servo", "name", "closest"),
-    [(POSITION, "kv", "kp"), (VELOCITY, "kp", "kv"), (VELOCITY, "qposrange", "qvelrange")],
+    [(POSITION, "kpv", "kv"), (VELOCITY, "kp", "kv"), (VELOCITY, "qposrange", "qvelrange")],
 )
 def test_unknown_attributes_are_compared_with_the_parameters_too(
     root: Any, knee: Any, servo: Servo, name: str, closest: str
@@ -561,6 +695,37 @@ def test_what_pymjcf_refuses_leaves_the_model_as_it_was(root: Any, knee: Any) ->
     with pytest.raises(ValueError, match="Duplicated identifier 'servo'"):
         add_position_actuator(knee, (-1, 1), name="servo")
     assert root.find_all("actuator") == [first]
+
+
+def test_refuses_the_range_of_what_is_not_a_joint(root: Any) -> None:
+    for kind, target in TARGETS.items():
+        if kind != "joint":
+            element = root.find(*target)
+            message = f'`qposrange="joint"` needs a joint as `target`, got {element}'
+            refuse(TypeError, message, root, add_position_actuator, element, "joint")
+
+
+def test_only_a_position_servo_knows_the_joints_range(root: Any, knee: Any) -> None:
+    for add, name in ((add_velocity_actuator, "qvelrange"), (add_effort_actuator, "effortrange")):
+        message = f"`{name}{NOT_TWO_NUMBERS}'joint'. The one word that stands for a range is"
+        refuse(TypeError, message, root, add, knee, "joint")
+
+
+def test_refuses_bad_efforts_and_dampings(root: Any, knee: Any) -> None:
+    for value, error, message in BAD_RANGES:
+        refuse(error, f"`effortrange{message}", root, add_effort_actuator, knee, value)
+        refuse(error, f"`ctrlrange{message}", root, add_effort_actuator, knee, (-1, 1), value)
+    message = "`kv` should not be negative, got -1: the actuator would push along with the motion"
+    refuse(ValueError, message, root, add_position_actuator, knee, (-1, 1), kv=-1)
+    message = "`kv` should be finite, got nan"
+    refuse(ValueError, message, root, add_position_actuator, knee, (-1, 1), kv=np.nan)
+    for kwargs, error, message in (
+        ({"kp": 1}, TypeError, "<general> has no attribute 'kp': "),
+        ({"effort_range": 1}, TypeError, "did you mean one of ['effortrange'"),
+        ({"biasprm": [1]}, TypeError, "Received invalid keyword argument(s): ['biasprm']"),
+        ({"dyntype": "integrator"}, ValueError, "`dyntype='integrator'` contradicts the map"),
+    ):
+        refuse(error, message, root, add_effort_actuator, knee, (-1, 1), **kwargs)
 
 
 # The package
