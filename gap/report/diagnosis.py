@@ -84,7 +84,7 @@ class Estimate:
         name: e.g. `frictionloss`.
         place: joint or body, or `*` where one value is shared.
         value: the estimate.
-        std: its standard error; None at a bound.
+        std: its standard error; None at a bound, and where the recordings say nothing of it.
         unit: its unit.
         at_bound: it ran into the bound of its range, so that it is no estimate.
     """

@@ -26,7 +26,7 @@ from walkerkit.gap.report.diagnosis import (
 from walkerkit.gap.report.locate import locate
 from walkerkit.gap.report.notes import notes
 from walkerkit.gap.report.planner import next_experiment
-from walkerkit.gap.search.fit import Fit, covariance
+from walkerkit.gap.search.fit import INSENSITIVE, Fit, covariance
 from walkerkit.gap.search.naming import Round
 from walkerkit.gap.search.problem import Half, Problem, channel_noise
 from walkerkit.gap.search.structure import Term
@@ -39,7 +39,6 @@ FloatArray = NDArray[np.float64]
 _AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
 _QUARTER = 4  # of the timestep, at which the numerical floor is taken
 _AT_BOUND = 1e-6  # of the width between the bounds
-_UNKNOWABLE = 1e-6  # of the score, per squared scale: the recordings say nothing of a parameter
 _MOST_RIVALS = 4
 _LONGEST_TRACE = 20000  # samples
 
@@ -321,7 +320,7 @@ def _estimates(
         slot = fit.structure.slots[i]
         margin = _AT_BOUND * (upper[i] - lower[i])
         at_bound = bool(min(fit.values[i] - lower[i], upper[i] - fit.values[i]) <= margin)
-        known = sensitivity[i] > _UNKNOWABLE and not at_bound
+        known = sensitivity[i] > INSENSITIVE and not at_bound
         found.append(
             Estimate(
                 name=slot.parameter.name,

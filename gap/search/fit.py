@@ -22,6 +22,7 @@ Progress = Callable[[str, float], None]  # what is being done, and how far it is
 _PERTURBATION = 0.02  # of a parameter's scale
 _DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
 _CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
+INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
 
@@ -156,16 +157,22 @@ def _steps(one: Fit, normal: FloatArray, gradient: FloatArray) -> FloatArray:
     """One step per damping factor, within the bounds."""
     lower, upper = one.structure.bounds
     pushed_out = ((one.values <= lower) & (gradient > 0)) | ((one.values >= upper) & (gradient < 0))
-    free = ~pushed_out & (np.diag(normal) > 0)
+    # A parameter that the recordings do not feel would be sent far away by the slightest slope.
+    free = ~pushed_out & (_sensitivity(one, normal) > INSENSITIVE)
     steps = np.zeros((len(_DAMPING), len(gradient)))
     if free.any():
         a = normal[np.ix_(free, free)]
         diagonal = np.diag(a)
-        # The second part keeps parameters that hardly matter from running away.
         for k, damping in enumerate(_DAMPING):
-            ridge = damping * diagonal + 1e-9 * diagonal.max()
-            steps[k, free] = -np.linalg.solve(a + np.diag(ridge), gradient[free])
+            steps[k, free] = -np.linalg.solve(a + np.diag(damping * diagonal), gradient[free])
     return np.clip(one.values + steps * one.structure.scale, lower, upper)
+
+
+def _sensitivity(one: Fit, normal: FloatArray) -> FloatArray:
+    """(n_parameters,) what their whole ranges would change, as in `covariance`."""
+    lower, upper = one.structure.bounds
+    scales: FloatArray = (upper - lower) / one.structure.scale
+    return np.diag(normal) * scales**2 * len(one.mean_square)
 
 
 def covariance(objective: Objective, one: Fit) -> tuple[FloatArray, FloatArray]:
@@ -179,8 +186,10 @@ def covariance(objective: Objective, one: Fit) -> tuple[FloatArray, FloatArray]:
         one: the fit.
 
     Returns:
-        (n_parameters, n_parameters) covariance, and (n_parameters,) sensitivity: the change of the
-        score per squared scale, zero for a parameter of which the recordings say nothing.
+        (n_parameters, n_parameters) covariance, and (n_parameters,) sensitivities: the squared
+        change that a parameter's whole range would make at its slope, in gaps, added up over the
+        scored channels. Below `INSENSITIVE` the recordings say nothing of it, and `fit` leaves it
+        where it started.
     """
     values, move = _perturbed(one)
     case = Case(structure=one.structure, values=np.vstack([one.values, values]))
@@ -194,4 +203,4 @@ def covariance(objective: Objective, one: Fit) -> tuple[FloatArray, FloatArray]:
     inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
     meat = scores @ scores.T * (blocks / max(1, blocks - len(one.values)))
     scale = np.diag(one.structure.scale)
-    return scale @ inverse @ meat @ inverse @ scale, np.diag(normal)
+    return scale @ inverse @ meat @ inverse @ scale, _sensitivity(one, normal)

@@ -14,7 +14,7 @@ from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, JointEffect, Parameter
 from walkerkit.gap.effects.base import registered
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
-from walkerkit.gap.search.fit import Fit, covariance, evaluate, fit
+from walkerkit.gap.search.fit import INSENSITIVE, Fit, covariance, evaluate, fit
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried
@@ -400,6 +400,23 @@ class TestFit:
             [Case(structure=both, values=np.stack([np.full(81, -0.1), grid], axis=1))]
         )
         assert found.score <= one.score(squares).min() + 1e-4
+
+    def test_what_the_recordings_do_not_feel_stays_where_it_started(self):
+        robot = pendulum()
+        # The joint turns about y, so only a pitch matters to it; a roll does in second order.
+        spec = robot.spec.copy()
+        spec.option.gravity = 9.81 * np.array([-np.sin(0.1), 0, -np.cos(0.1)])
+        recording = run(robot_from_spec(spec, "tilted.xml"))
+        recording = noisy(recording, np.random.default_rng(0))
+        robot = sized(robot, recording)
+        one = objective(robot, [recording], (POSITION, EFFORT), floor=5e-4)
+        tried = structure([robot], base_tilt=[EVERYWHERE])
+        (found,) = fit(one, evaluate(one, [(tried, np.array([0.0, 0.06]))]))
+        roll, pitch = found.values
+        assert roll == 0.0
+        assert pitch == pytest.approx(0.1, rel=0.01)
+        _, sensitivity = covariance(one, found)
+        assert sensitivity[0] < INSENSITIVE < sensitivity[1]
 
     def test_a_start_that_diverges_is_handed_back_untouched(self, problem):
         robot, _, one = problem
