@@ -54,7 +54,7 @@ class Actuator(abc.ABC):
             root: the model, not yet compiled; it is left as it is.
 
         Raises:
-            ValueError: an expression matches nothing, or a joint is matched twice.
+            ValueError: as `edit_mjcf`.
         """
 
     @abc.abstractmethod

@@ -103,7 +103,7 @@ class AffineActuator(NativeActuator):
         if "damping" in _GAINS[self._kind]:
             own["damping"] = -self._bias0[:, 2] * self._gear**2
         if np.isfinite(self._limits0).all():
-            own["effort_limit"] = self._limits0[:, 1] * np.abs(self._gear)
+            own["effort_limit"] = np.abs(self._limits0).max(axis=1) * np.abs(self._gear)
         return own
 
     def _read(self, name: str) -> FloatArray:
@@ -113,6 +113,7 @@ class AffineActuator(NativeActuator):
         every = np.array(np.broadcast_to(self._now[name], self.shape))
         every[slice(None) if rows is None else rows] = values
         self._now[name] = every
+        self._changed = True
         gain, bias, limits = self._law()
         ids = self._actuator_ids
         self.simulation.parameter("actuator_gainprm")[..., ids, 0] = gain
@@ -129,9 +130,13 @@ class AffineActuator(NativeActuator):
         limits = self._limits0
         if "effort_limit" in self._now:
             limit = self._now["effort_limit"] / np.abs(self._gear)
+            nominal = np.abs(limits).max(axis=1)
             # Ranges need not lie even about zero: both ends change in the same proportion.
-            limits = limits * (limit / self._limits0[:, 1])[..., None]
-        return gain * strength, bias * strength[..., None], limits * strength[..., None]
+            changed = limits / nominal[:, None] * limit[..., None]
+            limits = np.where((limit == nominal)[..., None], limits, changed)
+        unlimited = np.isinf(limits)
+        weaker = np.where(unlimited, 1.0, strength[..., None])
+        return gain * strength, bias * strength[..., None], limits * weaker
 
     def _gains(self) -> tuple[FloatArray, FloatArray]:
         """Gain and bias with the present stiffness and damping."""
@@ -142,12 +147,18 @@ class AffineActuator(NativeActuator):
         leading = self._now[gains[0]]
         nominal = -self._bias0[:, 1 if gains[0] == "stiffness" else 2] * self._gear**2
         ratio = np.divide(leading, nominal, out=np.ones(leading.shape), where=nominal != 0)
-        bias = np.array(np.broadcast_to(self._bias0, (*leading.shape, 3)))
+        # One of the gains may differ between simulations while the other does not yet.
+        shape = np.broadcast_shapes(*(self._now[name].shape for name in gains))
+        bias = np.array(np.broadcast_to(self._bias0, (*shape, 3)))
         bias[..., 0] *= ratio
         for name, column in (("stiffness", 1), ("damping", 2)):
             if name in gains:
                 bias[..., column] = -self._now[name] / self._gear**2
-        return self._gain0 * (1.0 if self._kind == "pd" else ratio), bias
+        if self._kind == "pd":
+            return self._gain0, bias
+        # A builtin's gain is the gain itself: exactly so, and from zero, where nothing scales.
+        plain = (nominal == 0) | (nominal == self._gain0)
+        return np.where(plain, leading, self._gain0 * ratio), bias
 
     @abc.abstractmethod
     def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:

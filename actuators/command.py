@@ -86,9 +86,7 @@ def _checked(name: str, value: ArrayLike) -> FloatArray:
         ) from None
     if array.ndim == 0:
         raise ValueError(f"{name} should be an array with one number per joint, got {value!r}")
-    # One pass that NaN and infinities survive; only then is it worth looking for the place.
-    flat = array.ravel()
-    if not np.dot(flat, flat) < np.inf and not np.isfinite(array).all():
+    if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         index = where[0] if len(where) == 1 else where
         raise ValueError(

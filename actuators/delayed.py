@@ -13,7 +13,7 @@ target of a builtin actuator is left to MuJoCo's own `delay`, whose past is fill
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -35,8 +35,8 @@ _WORDS = ("position", "velocity", "effort")
 
 
 def _delay_targets(name: str, value: Any) -> tuple[str, ...]:
-    words = (value,) if isinstance(value, str) else tuple(value)
-    if not words or len({*words}) != len(words) or not {*words} <= {*_WORDS}:
+    words = tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
+    if not words or any(words.count(word) > 1 or word not in _WORDS for word in words):
         raise ValueError(f"{name} should be one or several of {list(_WORDS)}, got {value!r}")
     return tuple(word for word in _WORDS if word in words)
 
@@ -113,6 +113,8 @@ class DelayedActuator(Actuator):
         self.cfg = cfg
         self.base = cfg.base_cfg.build()
         self._lines: dict[str, DelayLine] = {}
+        seeds = np.random.SeedSequence(cfg.seed).spawn(len(_WORDS))
+        self._seeds = dict(zip(_WORDS, seeds, strict=True))
         self.native = False
         base_cfg = cfg.base_cfg
         if (
@@ -142,11 +144,10 @@ class DelayedActuator(Actuator):
         if self.native:
             return
         shape = (*self.base.simulation.batch_shape, len(self.base.joint_names))
-        seeds = np.random.SeedSequence(self.cfg.seed).spawn(len(_WORDS))
+        # Each line spawns new seeds: episodes that recompile the model do not repeat their lags.
         self._lines = {
-            word: DelayLine(self.cfg.schedule, shape, seed)
-            for word, seed in zip(_WORDS, seeds, strict=True)
-            if word in self.cfg.delay_target
+            word: DelayLine(self.cfg.schedule, shape, self._seeds[word])
+            for word in self.cfg.delay_target
         }
 
     def _reset(self, rows: Rows, random_state: Random | None) -> None:

@@ -93,6 +93,7 @@ def read_drive(model: mujoco.MjModel, actuator: int) -> Drive | None:
     if (
         model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
         and model.actuator_gainprm[actuator, 0] != 0
+        and model.actuator_gear[actuator, 0] != 0
         and model.actuator_biastype[actuator] in _BIASES
         and model.actuator_dyntype[actuator] in _DYNAMICS
     ):

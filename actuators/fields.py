@@ -120,7 +120,10 @@ def direction() -> Any:
     def check(name: str, value: Any) -> tuple[float, ...] | None:
         if value is None:
             return None
-        numbers = tuple(float(v) for v in value)
+        try:
+            numbers = tuple(float(v) for v in value)
+        except (TypeError, ValueError):
+            numbers = ()
         if len(numbers) != 6 or not all(map(math.isfinite, numbers)) or not any(numbers):
             raise ValueError(
                 f"{name} should be six finite numbers, not all zero (force, then torque, in the "

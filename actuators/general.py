@@ -33,8 +33,10 @@ def add_general(target: Any, transmission: str, **attributes: Any) -> Any:
         "actearly": False,
         "nsample": 0,
         "delay": 0.0,
-        "damping": [0],
+        "damping": [0, 0, 0],
         "armature": 0.0,
+        "actdim": -1,
+        "inheritrange": 0.0,
         transmission: target,
     }
     return actuators.add(

@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators.actuator import Actuator, Random
 from walkerkit.actuators.command import TARGETS, ActuatorCmd
-from walkerkit.actuators.config import ActuatorCfg
+from walkerkit.actuators.config import TRANSMISSIONS, ActuatorCfg
 from walkerkit.actuators.simulation import Simulation, indexer
+from walkerkit.actuators.targeted import in_kinematic_order
 
 if TYPE_CHECKING:
     from dm_control import mjcf
@@ -43,7 +44,7 @@ class ActuatorGroup:
         ValueError: there is none.
     """
 
-    def __init__(self, cfgs: Iterable[ActuatorCfg]):
+    def __init__(self, cfgs: ActuatorCfg | Iterable[ActuatorCfg]):
         configs = (cfgs,) if isinstance(cfgs, ActuatorCfg) else tuple(cfgs)
         for cfg in configs:
             if not isinstance(cfg, ActuatorCfg):
@@ -61,47 +62,48 @@ class ActuatorGroup:
         self._ctrl: FloatArray = np.zeros(0)
         self._ctrl_at: tuple[Any, ...] = ()
         self._order: tuple[IntArray, ...] = ()
+        self._for_others: tuple[frozenset[str], ...] = ()
 
     def edit_mjcf(self, root: mjcf.RootElement) -> None:
         """Adds all of them to the model.
 
         Args:
-            root: the model, before compilation. A joint that two configs claim leaves it as it was.
+            root: the model, before compilation. A refusal leaves it as it was.
 
         Raises:
             ValueError: as `Actuator.edit_mjcf`, or two configs claim one joint.
         """
         claimed: dict[int, tuple[Any, ActuatorCfg]] = {}
-        for actuator, cfg in zip(self.actuators, self.cfgs, strict=True):
-            for target in actuator.targets(root):
+        targets = [actuator.targets(root) for actuator in self.actuators]
+        for mine, cfg in zip(targets, self.cfgs, strict=True):
+            for target in mine:
                 other = claimed.get(id(target))
                 if other is not None:
+                    name = target.prefixed_identifier(prefix_root=root.namescope)
                     raise ValueError(
-                        f"joint {target.prefixed_identifier(prefix_root=root)!r} is claimed by "
-                        f"{_named(other[1])} and by {_named(cfg)}: make one of the expressions "
-                        "narrower"
+                        f"{target.spec.namespace} {name!r} is claimed by {_named(other[1])} and "
+                        f"by {_named(cfg)}: make one of the expressions narrower"
                     )
                 claimed[id(target)] = target, cfg
         for actuator in self.actuators:
             actuator.edit_mjcf(root)
-        names = [name for actuator in self.actuators for name in actuator.joint_names]
+        # By the element and not by its name: a tendon may have the name of a joint.
         rank = {
-            element.prefixed_identifier(prefix_root=root): i
+            id(element): i
             for i, element in enumerate(
-                element
-                for within, kind in (
-                    (root.worldbody, "joint"),
-                    (root.tendon, "tendon"),
-                    (root.worldbody, "site"),
-                )
-                for element in within.find_all(kind)
+                element for kind in TRANSMISSIONS for element in in_kinematic_order(root, kind)
             )
         }
-        self._joint_names = tuple(sorted(names, key=rank.__getitem__))
-        at = {name: i for i, name in enumerate(self._joint_names)}
+        ranks = [[rank[id(target)] for target in mine] for mine in targets]
+        named = {
+            place: name
+            for mine, actuator in zip(ranks, self.actuators, strict=True)
+            for place, name in zip(mine, actuator.joint_names, strict=True)
+        }
+        at = {place: i for i, place in enumerate(sorted(named))}
+        self._joint_names = tuple(named[place] for place in at)
         self._order = tuple(
-            np.array([at[name] for name in actuator.joint_names], dtype=np.intp)
-            for actuator in self.actuators
+            np.array([at[place] for place in mine], dtype=np.intp) for mine in ranks
         )
         self._columns = tuple(indexer(order) for order in self._order)
 
@@ -119,6 +121,9 @@ class ActuatorGroup:
         self._simulation = self.actuators[0].simulation
         self._ctrl = self._simulation.state("ctrl")
         self._ctrl_at = tuple(indexer(actuator.ctrl_ids) for actuator in self.actuators)
+        # A target that none of them takes is left in, to be refused; so is an effort, always.
+        some = self.takes - {"effort_target"}
+        self._for_others = tuple(some - actuator.takes for actuator in self.actuators)
         self._last = None
 
     def reset(self, env_ids: ArrayLike | None = None, random_state: Random | None = None) -> None:
@@ -174,8 +179,8 @@ class ActuatorGroup:
         parts: tuple[ActuatorCmd, ...] = (cmd,)
         if not self._single:
             parts = tuple(
-                _what_it_takes(cmd.select(columns), actuator)
-                for actuator, columns in zip(self.actuators, self._columns, strict=True)
+                _without(cmd.select(columns), others)
+                for columns, others in zip(self._columns, self._for_others, strict=True)
             )
         self._last, self._parts = cmd, parts
         return parts
@@ -219,7 +224,7 @@ class ActuatorGroup:
 
     @property
     def computed_effort(self) -> FloatArray:
-        """What the laws asked for in the last step, before any limit [N·m; N]."""
+        """What each law asked for when it was last computed, before any limit [N·m; N]."""
         return self._gather([actuator.computed_effort for actuator in self.actuators])
 
     @property
@@ -234,13 +239,9 @@ class ActuatorGroup:
         return every
 
 
-def _what_it_takes(cmd: ActuatorCmd, actuator: Actuator) -> ActuatorCmd:
-    """Without the positions and velocities that other joints' actuators asked for.
-
-    An effort that nothing would make is left in, to be refused.
-    """
-    unused = {"position_target", "velocity_target"} - actuator.takes
-    for name in unused:
+def _without(cmd: ActuatorCmd, names: frozenset[str]) -> ActuatorCmd:
+    """A part of a command without the targets that only other joints' actuators take."""
+    for name in names:
         object.__setattr__(cmd, name, None)
     return cmd
 

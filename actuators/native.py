@@ -29,6 +29,7 @@ class NativeActuator(TargetedActuator):
         self._lag = 0
         self._started: NDArray[np.bool_] = np.zeros(0, dtype=bool)
         self._all_started = True
+        self._changed = False
         self._control: FloatArray = np.zeros(0)
         self._q: FloatArray = np.zeros(0)
         self._qd: FloatArray = np.zeros(0)
@@ -87,6 +88,7 @@ class NativeActuator(TargetedActuator):
             self._started[...] = True
             self._all_started = True
         self._control = control
+        self._changed = False
         q, qd = self.state()
         self._q, self._qd = q.copy(), qd.copy()
         return control
@@ -112,5 +114,5 @@ class NativeActuator(TargetedActuator):
 
     @property
     def holds(self) -> bool:
-        """As in `Actuator`."""
-        return True
+        """As in `Actuator`; not while a gain has changed, which some controls depend on."""
+        return not self._changed

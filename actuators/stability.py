@@ -84,8 +84,10 @@ def unstable_gains(
         damping: kd [N·m·s/rad; N·s/m], (n_joints,).
     """
     timestep = float(model.opt.timestep)
-    inertia = joint_inertia(model, dofs) + timestep * model.dof_damping[dofs]
-    most_damping, most_stiffness = stability_bounds(inertia, timestep, damping)
+    own = model.dof_damping[dofs]
+    inertia = joint_inertia(model, dofs) + timestep * own
+    most_damping, most_stiffness = stability_bounds(inertia, timestep, damping + own)
+    most_damping = most_damping - own
     problems = []
     for i, name in enumerate(names):
         kp, kd = float(stiffness[i]), float(damping[i])

@@ -98,44 +98,52 @@ class TargetedActuator(Actuator):
 
     def targets(self, root: mjcf.RootElement) -> list[mjcf.Element]:
         """As in `Actuator`."""
+        return list(self._plan(root)[0].values())
+
+    def edit_mjcf(self, root: mjcf.RootElement) -> None:
+        """As in `Actuator`."""
+        targets, numbers = self._plan(root)
+        for i, target in enumerate(targets.values()):
+            for name, attribute in JOINT_ATTRIBUTES.items():
+                if name in numbers:
+                    setattr(target, attribute, float(numbers[name][i]))
+        self._elements = self._elements_of(targets, numbers)
+        self._root, self._numbers = root, numbers
+        self._targets, self._joint_names = list(targets.values()), tuple(targets)
+
+    def _plan(self, root: mjcf.RootElement) -> tuple[dict[str, Any], dict[str, FloatArray]]:
+        """Its targets by name, and its numbers; every refusal comes before the first edit."""
         kind = self.cfg.transmission
-        named = _candidates(root, kind)
+        named = candidates(root, kind)
         if not named:
             raise ValueError(
                 f"joint_names_expr={self.cfg.joint_names_expr}: the model {root.model!r} has no "
                 f"{'hinge or slide joint' if kind == 'joint' else kind} with a name"
             )
-        chosen = select(self.cfg.joint_names_expr, list(named))
-        elements = list(named.values())
-        return [elements[i] for i in chosen]
-
-    def edit_mjcf(self, root: mjcf.RootElement) -> None:
-        """As in `Actuator`."""
-        targets = self.targets(root)
-        joint_names = tuple(t.prefixed_identifier(prefix_root=root) for t in targets)
+        names = list(named)
+        names = [names[i] for i in select(self.cfg.joint_names_expr, names)]
+        targets = {name: named[name] for name in names}
         numbers = {
-            name: per_joint(value, joint_names, field=name)
-            for name, value in self.cfg.numbers().items()
+            name: per_joint(value, names, field=name) for name, value in self.cfg.numbers().items()
         }
         if self.adds_elements:
-            self._refuse_taken(root, targets, joint_names)
-        for i, target in enumerate(targets):
-            for name, attribute in JOINT_ATTRIBUTES.items():
-                if name in numbers:
-                    setattr(target, attribute, float(numbers[name][i]))
-        self._elements = tuple(
-            self._element(target, name, {key: float(one[i]) for key, one in numbers.items()})
-            for i, (target, name) in enumerate(zip(targets, joint_names, strict=True))
-        )
-        self._root, self._targets, self._joint_names = root, targets, joint_names
-        self._numbers = numbers
+            self._refuse_taken(targets)
+        else:
+            self._elements_of(targets, numbers)
+        return targets, numbers
 
-    def _refuse_taken(
-        self, root: mjcf.RootElement, targets: list[mjcf.Element], names: tuple[str, ...]
-    ) -> None:
+    def _elements_of(
+        self, targets: Mapping[str, Any], numbers: Mapping[str, FloatArray]
+    ) -> tuple[Any, ...]:
+        return tuple(
+            self._element(target, name, {key: float(one[i]) for key, one in numbers.items()})
+            for i, (name, target) in enumerate(targets.items())
+        )
+
+    def _refuse_taken(self, targets: Mapping[str, Any]) -> None:
         """Refuses joints that have an actuator already."""
-        for target, name in zip(targets, names, strict=True):
-            taken = actuators_of(root, target)
+        for name, target in targets.items():
+            taken = actuators_of(target)
             if taken:
                 raise ValueError(
                     f"joint_names_expr={self.cfg.joint_names_expr}: {self.cfg.transmission} "
@@ -196,7 +204,7 @@ class TargetedActuator(Actuator):
             found = mujoco.mj_name2id(model, kind, full)
             if found < 0:
                 # Compiled from the walker's own root, although it is attached to another.
-                own = element.prefixed_identifier(prefix_root=self._root)
+                own = element.prefixed_identifier(prefix_root=self._root.namescope)
                 found = mujoco.mj_name2id(model, kind, own)
             if found < 0:
                 raise ValueError(
@@ -306,11 +314,14 @@ class TargetedActuator(Actuator):
         return self._joint_ids
 
 
-def actuators_of(root: mjcf.RootElement, target: mjcf.Element) -> list[Any]:
-    """MuJoCo's actuators in the model that drive a joint, tendon or site, in its order."""
+def actuators_of(target: mjcf.Element) -> list[Any]:
+    """MuJoCo's actuators that drive a joint, tendon or site, in the order of the model.
+
+    Those count, too, that belong to a model to which the target's is attached.
+    """
     return [
         element
-        for element in root.root.find_all("actuator")
+        for element in target.root.root_model.find_all("actuator")
         if any(
             getattr(element, reference, None) is target
             for reference in ("joint", "jointinparent", "tendon", "site")
@@ -318,14 +329,26 @@ def actuators_of(root: mjcf.RootElement, target: mjcf.Element) -> list[Any]:
     ]
 
 
-def _candidates(root: mjcf.RootElement, kind: str) -> dict[str, Any]:
+def in_kinematic_order(root: mjcf.RootElement, kind: str) -> list[Any]:
+    """Every joint, tendon or site of a model, in the order of the compiled model."""
+    return root.tendon.find_all(kind) if kind == "tendon" else _below(root.worldbody, kind)
+
+
+def _below(body: Any, kind: str) -> list[Any]:
+    """A body's own come first, wherever the text has them among its child bodies."""
+    own: list[Any] = body.find_all(kind, immediate_children_only=True)
+    for child in body.find_all("body", immediate_children_only=True):
+        own += _below(child, kind)
+    return own
+
+
+def candidates(root: mjcf.RootElement, kind: str) -> dict[str, Any]:
     """Everything of a kind that has a name, by name, in kinematic order."""
-    within = root.tendon if kind == "tendon" else root.worldbody
     # A free joint is a joint of another tag, or of a type that a default class may also give: what
     # the text cannot tell is told after compilation.
     return {
-        element.prefixed_identifier(prefix_root=root): element
-        for element in within.find_all(kind)
+        element.prefixed_identifier(prefix_root=root.namescope): element
+        for element in in_kinematic_order(root, kind)
         if getattr(element, "name", None)
         and (kind != "joint" or (element.tag == "joint" and element.type not in ("free", "ball")))
     }

@@ -84,7 +84,7 @@ class XmlActuator(AffineActuator):
 
     def _element(self, target: Any, name: str, numbers: Mapping[str, float]) -> Any:
         del numbers
-        found = actuators_of(target.root, target)
+        found = actuators_of(target)
         if len(found) != 1:
             which = f": {listed(str(e.name) for e in found)}" if found else ""
             raise ValueError(
@@ -100,8 +100,10 @@ class XmlActuator(AffineActuator):
 
     def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
         drives = [
-            self._drive(model, name, int(actuator))
-            for name, actuator in zip(self.joint_names, self._actuator_ids, strict=True)
+            self._drive(model, name, int(actuator), float(bias))
+            for name, actuator, bias in zip(
+                self.joint_names, self._actuator_ids, self._bias0[:, 0], strict=True
+            )
         ]
         slope = np.array([drive.slope for drive in drives])
         offset = np.array([drive.offset for drive in drives])
@@ -109,7 +111,7 @@ class XmlActuator(AffineActuator):
             offset = offset - self._bias0[:, 0] / self._gain0
         return slope, offset
 
-    def _drive(self, model: mujoco.MjModel, name: str, actuator: int) -> Drive:
+    def _drive(self, model: mujoco.MjModel, name: str, actuator: int, bias: float) -> Drive:
         drive = read_drive(model, actuator)
         which = f"joint_names_expr={self.cfg.joint_names_expr}: the actuator of {name!r}"
         if drive is None:
@@ -122,7 +124,6 @@ class XmlActuator(AffineActuator):
                 f"{which} takes {_A[drive.kind]}, this config {_A[self.cfg.kind]}: use "
                 f"{_CONFIG[drive.kind]}"
             )
-        bias = float(model.actuator_biasprm[actuator, 0])
         if drive.kind == "effort" and bias and getattr(self.cfg, "bias", None) is None:
             raise ValueError(
                 f"{which} has a constant bias of {bias:g}: say bias='offset' if it only shifts the "
