@@ -136,20 +136,22 @@ def _normal_equations(
     ]
     equations = []
     for group in objective.grouped(cases):
-        residuals = objective.residuals(cases[group])
-        for one, (_, move), residual in zip(fits[group], moved[group], residuals, strict=True):
-            jacobian = _jacobian(one, residual, move)
+        linearised = objective.linearised(cases[group])
+        for one, (_, move), (residual, changes) in zip(
+            fits[group], moved[group], linearised, strict=True
+        ):
+            jacobian = _jacobian(one, changes, move)
             weighted = jacobian * objective.weights(one.mean_square)
             flat = weighted.reshape(len(jacobian), -1)
             equations.append(
-                (flat @ jacobian.reshape(len(jacobian), -1).T, flat @ residual[0].ravel())
+                (flat @ jacobian.reshape(len(jacobian), -1).T, flat @ residual.ravel())
             )
     return equations
 
 
-def _jacobian(one: Fit, residual: FloatArray, move: FloatArray) -> FloatArray:
+def _jacobian(one: Fit, changes: FloatArray, move: FloatArray) -> FloatArray:
     """(n_parameters, rows, n_scored) per scale; zero for a perturbation that diverged."""
-    slope = (residual[1:] - residual[:1]) * (one.structure.scale / move)[:, None, None]
+    slope = changes * (one.structure.scale / move)[:, None, None]
     return np.where(np.isfinite(slope), slope, 0.0)
 
 
@@ -193,11 +195,11 @@ def covariance(objective: Objective, one: Fit) -> tuple[FloatArray, FloatArray]:
     """
     values, move = _perturbed(one)
     case = Case(structure=one.structure, values=np.vstack([one.values, values]))
-    (residual,) = objective.residuals([case])
-    jacobian = _jacobian(one, residual, move)
+    ((residual, changes),) = objective.linearised([case])
+    jacobian = _jacobian(one, changes, move)
     weighted = jacobian * objective.weights(one.mean_square)
     normal = np.einsum("irc,jrc->ij", weighted, jacobian)
-    pull = np.einsum("irc,rc->ir", weighted, residual[0])
+    pull = np.einsum("irc,rc->ir", weighted, residual)
     scores = np.stack([np.bincount(objective.block, weights=row) for row in pull])
     blocks = scores.shape[1]
     inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)

@@ -93,25 +93,56 @@ class Objective:
 
         Rows of trials that diverged are NaN.
         """
-        sizes = [len(case.values) for case in cases]
+        residual = self._as_simulated(cases)
+        self._take_out_numerical_error(residual)
+        return _per_case(residual, cases)
+
+    def linearised(self, cases: Sequence[Case]) -> list[tuple[FloatArray, FloatArray]]:
+        """The residual of each case's first row, and what its other rows change of it.
+
+        Numerical errors follow the change as far as they are free to (Kaufman, BIT 15, 1975), and
+        not beyond: where they reach a bound the gap bends, and its slope ahead says nothing of
+        that behind.
+
+        Returns:
+            Per case (rows, n_scored), and (n − 1, rows, n_scored) with NaN for what diverged.
+        """
+        found = []
+        for residual in _per_case(self._as_simulated(cases), cases):
+            changes, at = residual[1:] - residual[:1], residual[:1]
+            weights = self._numerical_weights(at)[0]
+            (factors,) = self._take_out_numerical_error(at)
+            low, high = np.array(_FACTORS[: len(factors)]).reshape(-1, 2).T
+            free = self.numerical[(low < factors) & (factors < high)]
+            along = np.einsum("c,irc,trc->it", weights, free, changes)
+            size = np.einsum("c,irc,jrc->ij", weights, free, free)
+            follow = np.linalg.pinv(size, hermitian=True) @ along
+            found.append((at[0], changes - np.einsum("it,irc->trc", follow, free)))
+        return found
+
+    def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
+        """(n of all cases, rows, n_scored) residuals with their numerical error."""
         missing = np.isnan(self.measured)
         stacks = []
         for replay in self.replays:
             blocks = [case.structure.trials(replay.robot, case.values) for case in cases]
             predicted = replay.predict(Trials.joined(blocks))
             stacks.append(predicted[:, :, self._columns])
-        residual = np.concatenate(stacks, axis=1) - self.measured
+        residual: FloatArray = np.concatenate(stacks, axis=1) - self.measured
         residual[:, missing] = 0.0
         failed = np.stack([np.any(np.all(np.isnan(s), axis=2), axis=1) for s in stacks])
         residual[np.any(failed, axis=0)] = np.nan
-        self._take_out_numerical_error(residual)
-        return np.split(residual, np.cumsum(sizes)[:-1])
+        return residual
 
-    def _take_out_numerical_error(self, residual: FloatArray) -> None:
-        """Adds the best multiples of the numerical changes to each (rows, n_scored) residual."""
+    def _take_out_numerical_error(self, residual: FloatArray) -> FloatArray:
+        """Adds the best multiples of the numerical changes to each (rows, n_scored) residual.
+
+        Returns:
+            (n, k) those factors.
+        """
         if not self.numerical.any():
-            return
-        weights = 1 / (self.count * (self.mean_square(residual) + self.floor**2))
+            return np.zeros((len(residual), len(self.numerical)))
+        weights = self._numerical_weights(residual)
         products = np.einsum("irc,jrc->ijc", self.numerical, self.numerical)
         size = np.einsum("tc,ijc->tij", weights, products)
         along = np.einsum(
@@ -120,6 +151,12 @@ class Objective:
         factors = _bounded_least_squares(size, -along)
         for factor, change in zip(factors.T, self.numerical, strict=True):
             residual += factor[:, None, None] * change
+        return factors
+
+    def _numerical_weights(self, residual: FloatArray) -> FloatArray:
+        """(n, n_scored) by which the channels decide on the factors."""
+        weights: FloatArray = 1 / (self.count * (self.mean_square(residual) + self.floor**2))
+        return weights
 
     def grouped(self, cases: Sequence[Case]) -> list[slice]:
         """Consecutive cases whose residuals fit into memory together."""
@@ -179,6 +216,10 @@ def _bounded_least_squares(matrix: FloatArray, target: FloatArray) -> FloatArray
             rest = target[:, i] - np.einsum("tj,tj->t", matrix[:, i], x) + diagonal * x[:, i]
             x[:, i] = np.clip(rest / np.where(diagonal > 0, diagonal, 1.0), low, high)
     return x
+
+
+def _per_case(residual: FloatArray, cases: Sequence[Case]) -> list[FloatArray]:
+    return np.split(residual, np.cumsum([len(case.values) for case in cases])[:-1])
 
 
 def _blocks(replays: Sequence[Replay]) -> NDArray[np.int64]:

@@ -355,16 +355,7 @@ def test_delays_are_alike_in_position(servo: Path, logs: Callable[..., list[Reco
 
 @pytest.mark.parametrize(
     "hidden",
-    [
-        hide("viscous_friction", damping=0.2),
-        pytest.param(
-            hide("velocity_gain", delta_kd=0.4),
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="their numerical errors differ, which decides near the floor",
-            ),
-        ),
-    ],
+    [hide("viscous_friction", damping=0.2), hide("velocity_gain", delta_kd=0.4)],
 )
 def test_damping_is_alike_in_position(
     servo: Path, logs: Callable[..., list[Recording]], hidden: HiddenEffect

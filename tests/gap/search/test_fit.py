@@ -313,6 +313,26 @@ class TestObjective:
         assert raw > 2e-4
         assert left < 0.25 * raw
 
+    @pytest.mark.parametrize("factor", [1.5, -1.5], ids=["free", "at its bound"])
+    def test_linearised_is_the_slope_of_the_residuals(self, factor):
+        robot = pendulum()
+        one = objective(robot, [run(robot, 0.5, dof_damping=0.4)])
+        tried = structure([robot], viscous_friction=["hip"])
+        values = np.array([[0.1], [0.1001], [-1e9]])
+        case = Case(structure=tried, values=values)
+        (residual,) = one.residuals([case])
+        # A timestep that would make up for two thirds of the gap, and for nothing where it cannot.
+        part = (one.block + np.arange(len(one.block)) % 3 > 0)[:, None]
+        one.numerical = np.stack([-residual[0] * part / factor, np.roll(residual[0], 40, axis=0)])
+        (corrected,) = one.residuals([case])
+        ((at, changes),) = one.linearised([case])
+        np.testing.assert_array_equal(at, corrected[0])
+        expected = corrected[1] - corrected[0]
+        np.testing.assert_allclose(changes[0], expected, atol=1e-3 * np.abs(expected).max())
+        plain = residual[1] - residual[0]
+        assert (np.abs(plain - expected).max() > 0.1 * np.abs(plain).max()) == (factor > 0)
+        assert np.isnan(changes[1]).all()
+
     def test_memory_is_bounded_by_grouping_cases(self):
         robot = pendulum()
         one = objective(robot, [run(robot, 0.3)])
@@ -373,17 +393,22 @@ class TestFit:
         robot, _, one = problem
         tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
         lower, upper = tried.bounds
-        seen = []
+        seen, perturbed = [], []
 
         class Watched(Objective):
             def residuals(self, cases):
                 seen.extend(row for case in cases for row in case.values)
                 return super().residuals(cases)
 
+            def linearised(self, cases):
+                perturbed.extend(row for case in cases for row in case.values[1:])
+                return super().linearised(cases)
+
         watched = Watched(one.replays, one.channels, one.floor)
         (found,) = fit(watched, evaluate(watched, [(tried, upper)]))
         assert len(seen) > 10
-        assert all(((lower <= row) & (row <= upper)).all() for row in seen)
+        assert len(perturbed) > 2
+        assert all(((lower <= row) & (row <= upper)).all() for row in seen + perturbed)
         assert (found.values < upper).any()
 
     def test_at_a_bound_the_rest_is_as_good_as_it_can_be(self):
@@ -400,6 +425,20 @@ class TestFit:
             [Case(structure=both, values=np.stack([np.full(81, -0.1), grid], axis=1))]
         )
         assert found.score <= one.score(squares).min() + 1e-4
+
+    @pytest.mark.parametrize("start", [0.2, 0.275, 0.279, 0.2795, 0.285])
+    def test_a_numerical_error_that_looks_like_the_effect_does_not_hold_it_up(self, start):
+        robot = pendulum()
+        recording = run(robot, dof_damping=0.35)
+        one = objective(robot, [recording], floor=1e-5)
+        tried = structure([sized(robot, recording)], viscous_friction=["hip"])
+        ((more, true),) = one.residuals([Case(structure=tried, values=np.array([[0.27], [0.25]]))])
+        # Up to 0.28 the timestep can make up for too much damping, but for a ripple.
+        ripple = 3e-5 * np.sin(np.arange(len(true)))[:, None]
+        one.numerical = (more - true + ripple)[None]
+        one.measured = one.measured + 1.5 * one.numerical[0]
+        (found,) = fit(one, evaluate(one, [(tried, np.array([start]))]), iterations=20)
+        assert found.values[0] == pytest.approx(0.25, abs=2e-3)
 
     def test_what_the_recordings_do_not_feel_stays_where_it_started(self):
         robot = pendulum()
