@@ -1,10 +1,11 @@
 """Naming: forward selection of effects on held-out recordings, with a look back.
 
-Each round screens and fits every effect that is left, on top of those already named. An effect is
-named when it makes the held-out gaps smaller by more than chance (block bootstrap) and by a margin
-that matters: above the measurement's noise and above the simulation's own numerical error. Then
-the places that do not need it are dropped, everything is fitted jointly, and effects that are no
-longer needed leave again.
+Each round screens and fits every effect that is left, on top of those already named. One that
+usually acts on all joints alike is tried with one value for all and with one each, which must be
+worth their number. An effect is named when it makes the held-out gaps smaller by more than chance
+(block bootstrap) and by a margin that matters: above the measurement's noise and above the
+simulation's own numerical error. Then the places that do not need it are dropped, everything is
+fitted jointly, and effects that are no longer needed leave again.
 """
 
 from __future__ import annotations
@@ -127,9 +128,12 @@ def _round(
     if race is not problem.fit:
         race.refine(current)
     (start,) = evaluate(race.objective, [(current.structure, current.values)])
-    starts = screen(race.objective, start, terms)
-    fits = fit(race.objective, starts, race=True, progress=progress, stage=stage.format("fitting"))
-    evidence = Evidence.joined([base, weigh(problem, fits)])
+    starts = screen(race.objective, start, [one for term in terms for one in term.variants])
+    tried = fit(race.objective, starts, race=True, progress=progress, stage=stage.format("fitting"))
+    weighed = weigh(problem, tried)
+    kept = _simplest(problem, tried, weighed)
+    fits = [tried[i] for i in kept]
+    evidence = Evidence.joined([base, *(weighed.only(i) for i in kept)])
     # The numerical error was that of the current model; those who could win get their own.
     for i in _finalists(evidence):
         fits[i], own = _settled(problem, fits[i])
@@ -141,7 +145,7 @@ def _round(
     # A rival has to hold on recordings that it was not fitted to, as the winner does.
     winner, rivals = acceptable[0], acceptable[1:]
     settled, own = _settled(problem, fits[winner])
-    found = _places_needed(problem, settled, terms[winner])
+    found = _places_needed(problem, settled)
     if found is not settled:
         found, own = _settled(problem, found)
     contest = Evidence.joined([own, *(evidence.only(i + 1) for i in rivals)])
@@ -153,6 +157,18 @@ def _round(
         fit=found,
         evidence=own,
     )
+
+
+def _simplest(problem: Problem, fits: Sequence[Fit], evidence: Evidence) -> list[int]:
+    """Of every effect the first variant, unless one with more values is worth them."""
+    chosen: dict[str, int] = {}
+    for i, one in enumerate(fits):
+        effect = one.structure.terms[-1].effect.name
+        if effect not in chosen or _worth_it(
+            problem, Evidence.joined([evidence.only(chosen[effect]), evidence.only(i)]), 1
+        ):
+            chosen[effect] = i
+    return list(chosen.values())
 
 
 def _settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
@@ -225,16 +241,10 @@ def _confidence(contest: Evidence) -> float:
     return float((best[:, 0] / best.sum(axis=1)).mean())
 
 
-def _places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
-    """The fit with its last term only where it is needed, or at every joint apart if it must be."""
-    if term.shared:
-        apart = replace(term, shared=False)
-        split = _refit(problem, full, _replaced(full.structure, term, apart))
-        evidence = weigh(problem, [full, split])
-        if not _worth_it(problem, evidence, 1):
-            return full
-        full, term = split, apart
-    while len(term.sites) > 1:
+def _places_needed(problem: Problem, full: Fit) -> Fit:
+    """The fit with its last term only at the places that need it."""
+    term = full.structure.terms[-1]
+    while len(term.places) > 1:
         without = [
             replace(term, sites=tuple(other for other in term.sites if other != site))
             for site in term.sites

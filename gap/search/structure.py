@@ -39,6 +39,11 @@ class Term:
         """Where each set of parameters belongs: the sites, or `*` for a shared one."""
         return (EVERYWHERE,) if self.shared else self.sites
 
+    @property
+    def variants(self) -> tuple[Term, ...]:
+        """The term, and after a shared one that with a value for each site."""
+        return (self, replace(self, shared=False)) if self.shared else (self,)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Slot:

@@ -15,8 +15,10 @@ from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search import naming
 from walkerkit.gap.search.evidence import Evidence
+from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Structure, candidate_terms
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY
 
@@ -165,13 +167,7 @@ def test_an_effect_stays_at_the_joints_that_need_it(
     ("hidden", "expected"),
     [
         (hide("sensor_delay", "*", delay=0.01), {"*": 0.01}),
-        pytest.param(
-            hide("sensor_delay", "ankle", delay=0.01),
-            {"ankle": 0.01},
-            marks=pytest.mark.xfail(
-                strict=True, reason="one value for all joints is tried alone, and does not help"
-            ),
-        ),
+        (hide("sensor_delay", "ankle", delay=0.01), {"ankle": 0.01}),
         (
             hide("sensor_delay", "knee", "ankle", knee__delay=0.004, ankle__delay=0.012),
             {"knee": 0.004, "ankle": 0.012},
@@ -182,8 +178,10 @@ def test_an_effect_stays_at_the_joints_that_need_it(
 def test_a_delay_is_shared_only_where_all_joints_have_it(
     problem: Make, hidden: HiddenEffect, expected: dict[str, float]
 ) -> None:
-    named = found(search(problem(hidden), "sensor_delay"))
-    assert named == {"sensor_delay": pytest.approx(expected, rel=0.1)}
+    rounds = search(problem(hidden), "sensor_delay")
+    assert found(rounds) == {"sensor_delay": pytest.approx(expected, rel=0.1)}
+    # One value and one each are two ways to try one effect.
+    assert [one.term.effect.name for one in rounds[0].candidates] == ["sensor_delay"]
 
 
 def test_a_payload_stays_on_the_body_that_carries_it(problem: Make) -> None:
@@ -217,6 +215,22 @@ def test_progress_is_told(problem: Make) -> None:
     assert told[0] == ("effect 1: screening 1 candidates", 0.0)
     assert {stage for stage, _ in told} >= {"effect 1: fitting 1 candidates"}
     assert all(0 <= done <= 1 for _, done in told)
+
+
+@pytest.mark.parametrize(("apart", "kept"), [(-3.0, 1), (-3.03, 1), (-3.1, 2)])
+def test_one_value_each_must_be_worth_their_number(problem: Make, apart: float, kept: int) -> None:
+    leg = problem()
+    terms = candidate_terms(
+        [CATALOGUE["torque_bias"], CATALOGUE["command_delay"]], leg.robots, leg.joints
+    )
+    structures = [Structure((one,), leg.robots) for term in terms for one in term.variants]
+    assert [(len(one.slots), one.terms[0].shared) for one in structures] == [
+        (2, False),
+        (1, True),
+        (2, False),
+    ]
+    fits = [Fit(structure=s, values=s.zero, score=0.0, mean_square=np.ones(1)) for s in structures]
+    assert naming._simplest(leg, fits, evidence(-2.5, -3.0, apart)) == [0, kept]
 
 
 # Which are alike, and how sure the first is
