@@ -7,6 +7,8 @@ from walkerkit.actuators.builtin import (
     BuiltinPositionActuatorCfg,
     BuiltinVelocityActuatorCfg,
 )
+from walkerkit.actuators.builtin_dc_motor import BuiltinDcMotorActuatorCfg
+from walkerkit.actuators.builtin_muscle import BuiltinMuscleActuatorCfg
 from walkerkit.actuators.command import ActuatorCmd
 from walkerkit.actuators.config import ActuatorCfg
 from walkerkit.actuators.delayed import DelayedActuator, DelayedActuatorCfg
@@ -47,7 +49,9 @@ __all__ = [
     "ActuatorCfg",
     "ActuatorCmd",
     "ActuatorGroup",
+    "BuiltinDcMotorActuatorCfg",
     "BuiltinMotorActuatorCfg",
+    "BuiltinMuscleActuatorCfg",
     "BuiltinPdActuatorCfg",
     "BuiltinPositionActuatorCfg",
     "BuiltinVelocityActuatorCfg",

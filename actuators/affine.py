@@ -22,6 +22,7 @@ from walkerkit.actuators.native import NativeActuator
 FloatArray = NDArray[np.float64]
 
 _BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
+_FILTER_EXACT = int(mujoco.mjtDyn.mjDYN_FILTEREXACT)
 
 
 Kind = Literal["position", "velocity", "effort", "pd"]
@@ -51,23 +52,33 @@ class AffineActuator(NativeActuator):
         super().__init__(cfg)
         self._kind = kind
         self._affine_of: mujoco.MjModel | None = None
+        self._own0: dict[str, FloatArray] = {}
         self._now: dict[str, FloatArray] = {}
 
     def _bind(self) -> None:
         super()._bind()
         model, ids = self.simulation.model, self._actuator_ids
         if self._affine_of is not model:
+            outputs = model.actuator_outadr[ids]  # not the ids behind one with several
             # A site's gear is a direction; its length and force are along it.
             on_site = self.cfg.transmission == "site"
-            self._gear = np.ones(len(ids)) if on_site else model.actuator_gear[ids, 0].copy()
+            self._gear = np.ones(len(ids)) if on_site else model.actuator_gear[outputs, 0].copy()
             self._gain0 = model.actuator_gainprm[ids, 0].copy()
             has_bias = (model.actuator_biastype[ids] == _BIAS)[:, None]
             self._bias0 = np.where(has_bias, model.actuator_biasprm[ids, :3], 0.0)
             self._limits0 = _range(model.actuator_forcelimited, model.actuator_forcerange, ids)
             self._slope, self._offset = self._scale(model)
+            self._own0 = dict(self._own())
             self._affine_of = model
-        self._ctrlrange = _range(model.actuator_ctrllimited, model.actuator_ctrlrange, ids)
-        self._now = {name: values.copy() for name, values in self._own().items()}
+        self._ctrlrange = _range(
+            model.actuator_ctrllimited, model.actuator_ctrlrange, self._ctrl_ids
+        )
+        self._now = {name: values.copy() for name, values in self._own0.items()}
+        first = np.asarray(model.actuator_actadr[ids], dtype=np.intp)
+        self._filtered, self._act_ids = first >= 0, np.maximum(first, 0)
+        self._act = np.zeros(self.shape)
+        self._actrange = _range(model.actuator_actlimited, model.actuator_actrange, ids)
+        self._share = _share_of_next_activation(model, ids)
 
     @property
     def takes(self) -> frozenset[str]:
@@ -129,11 +140,9 @@ class AffineActuator(NativeActuator):
         strength = self._now["strength"]
         limits = self._limits0
         if "effort_limit" in self._now:
-            limit = self._now["effort_limit"] / np.abs(self._gear)
-            nominal = np.abs(limits).max(axis=1)
             # Ranges need not lie even about zero: both ends change in the same proportion.
-            changed = limits / nominal[:, None] * limit[..., None]
-            limits = np.where((limit == nominal)[..., None], limits, changed)
+            ends = (self._scaled("effort_limit", end, np.zeros(len(end))) for end in limits.T)
+            limits = np.stack([*ends], axis=-1)
         unlimited = np.isinf(limits)
         weaker = np.where(unlimited, 1.0, strength[..., None])
         return gain * strength, bias * strength[..., None], limits * weaker
@@ -144,21 +153,32 @@ class AffineActuator(NativeActuator):
         if not gains:
             return self._gain0, self._bias0
         # The leading gain carries the target with it: u stays the same target at any gain.
-        leading = self._now[gains[0]]
-        nominal = -self._bias0[:, 1 if gains[0] == "stiffness" else 2] * self._gear**2
-        ratio = np.divide(leading, nominal, out=np.ones(leading.shape), where=nominal != 0)
+        leading = self._ratio(gains[0])
         # One of the gains may differ between simulations while the other does not yet.
         shape = np.broadcast_shapes(*(self._now[name].shape for name in gains))
         bias = np.array(np.broadcast_to(self._bias0, (*shape, 3)))
-        bias[..., 0] *= ratio
+        bias[..., 0] *= leading
         for name, column in (("stiffness", 1), ("damping", 2)):
             if name in gains:
-                bias[..., column] = -self._now[name] / self._gear**2
+                bias[..., column] = self._scaled(name, self._bias0[:, column], -1 / self._gear**2)
         if self._kind == "pd":
             return self._gain0, bias
-        # A builtin's gain is the gain itself: exactly so, and from zero, where nothing scales.
-        plain = (nominal == 0) | (nominal == self._gain0)
-        return np.where(plain, leading, self._gain0 * ratio), bias
+        # Where it was zero there is a builtin one, whose control is in units of the joint.
+        return self._scaled(gains[0], self._gain0, np.ones(len(self._gear))), bias
+
+    def _ratio(self, name: str) -> FloatArray:
+        """A parameter over its nominal value, just one where that is zero or unchanged."""
+        now, nominal = self._now[name], self._own0[name]
+        return np.divide(now, nominal, out=np.ones(now.shape), where=nominal != 0)
+
+    def _scaled(self, name: str, nominal: FloatArray, unit: FloatArray) -> FloatArray:
+        """What MuJoCo has for a parameter, as it is now.
+
+        Unchanged parameters leave every bit, and a changed one is what it would be if configured.
+        """
+        now, own = self._now[name], self._own0[name]
+        each = np.divide(nominal, own, out=np.array(unit), where=own != 0)
+        return np.where(now == own, nominal, now * each)
 
     @abc.abstractmethod
     def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
@@ -169,12 +189,11 @@ class AffineActuator(NativeActuator):
     def _force(self) -> tuple[FloatArray, FloatArray]:
         """Force of each actuator before and after its limits, in its own units."""
         gain, bias, limits = self._law()
-        control = np.clip(self._arriving(), self._ctrlrange[:, 0], self._ctrlrange[:, 1])
-        model = self.simulation.model
-        filtered = model.actuator_actadr[self._actuator_ids]
-        if (filtered >= 0).any():
-            activation = self.simulation.state("act")[..., np.maximum(filtered, 0)]
-            control = np.where(filtered >= 0, activation, control)
+        control = np.clip(self._arriving, self._ctrlrange[:, 0], self._ctrlrange[:, 1])
+        if self._filtered.any():
+            act = self._act + self._share * (control - self._act)
+            act = np.clip(act, self._actrange[:, 0], self._actrange[:, 1])
+            control = np.where(self._filtered, act, control)
         length, speed = self._gear * self._q, self._gear * self._qd
         force = gain * control + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
         return force, np.clip(force, limits[..., 0], limits[..., 1])
@@ -194,3 +213,14 @@ def _range(limited: Any, ranges: Any, ids: NDArray[np.intp]) -> FloatArray:
     """Limits (n, 2), infinite where there are none."""
     has = (limited[ids] != 0)[:, None]
     return np.where(has, ranges[ids], [[-np.inf, np.inf]])
+
+
+def _share_of_next_activation(model: mujoco.MjModel, ids: NDArray[np.intp]) -> FloatArray:
+    """How far a filter is towards its control when its force is made, (n_joints,).
+
+    Zero, but for `actearly` the step that lies ahead (MuJoCo, `mj_nextActivation`).
+    """
+    steps = model.opt.timestep / np.maximum(model.actuator_dynprm[ids, 0], mujoco.mjMINVAL)
+    exact = model.actuator_dyntype[ids] == _FILTER_EXACT
+    share = np.where(exact, -np.expm1(-steps), steps)
+    return np.where(model.actuator_actearly[ids], share, 0.0)

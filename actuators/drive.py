@@ -93,7 +93,7 @@ def read_drive(model: mujoco.MjModel, actuator: int) -> Drive | None:
     if (
         model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
         and model.actuator_gainprm[actuator, 0] != 0
-        and model.actuator_gear[actuator, 0] != 0
+        and model.actuator_gear[model.actuator_outadr[actuator], 0] != 0
         and model.actuator_biastype[actuator] in _BIASES
         and model.actuator_dyntype[actuator] in _DYNAMICS
     ):
@@ -103,7 +103,7 @@ def read_drive(model: mujoco.MjModel, actuator: int) -> Drive | None:
 
 def _drive(model: mujoco.MjModel, actuator: int) -> Drive:
     gain = float(model.actuator_gainprm[actuator, 0])
-    gear = float(model.actuator_gear[actuator, 0])
+    gear = float(model.actuator_gear[model.actuator_outadr[actuator], 0])
     b0 = b1 = b2 = 0.0
     if model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_AFFINE:
         b0, b1, b2 = (float(b) for b in model.actuator_biasprm[actuator, :3])

@@ -178,8 +178,9 @@ class TargetedActuator(Actuator):
             self._length = simulation.state("ten_length"), self._joint_ids
             self._speed = simulation.state("ten_velocity"), self._joint_ids
         else:
-            self._length = simulation.state("actuator_length"), self._actuator_ids
-            self._speed = simulation.state("actuator_velocity"), self._actuator_ids
+            outputs = model.actuator_outadr[self._actuator_ids]
+            self._length = simulation.state("actuator_length"), outputs
+            self._speed = simulation.state("actuator_velocity"), outputs
         self._length = _viewed(*self._length)
         self._speed = _viewed(*self._speed)
         self._simulation = simulation

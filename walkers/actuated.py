@@ -161,6 +161,19 @@ class Actuated:
             name="\t".join([*self._commander.names, *self._kept_names]),
         )
 
+    def action_for(self, cmd: ActuatorCmd | None = None) -> FloatArray:
+        """The action that asks for a command, as a policy in physical units needs it.
+
+        Args:
+            cmd: targets of `actuator_group.joint_names`; None to hold the default pose.
+
+        Returns:
+            (n,), not clipped: what is beyond ±1 is more than the action terms can ask for. Controls
+            of actuators that were kept are zero.
+        """
+        wanted = self._commander.action(self._commander.rest() if cmd is None else cmd)
+        return np.concatenate([wanted, np.zeros(len(self._kept))])
+
     @property
     def prev_action(self) -> FloatArray:
         """The last action of this episode, zeros before the first."""
@@ -223,8 +236,9 @@ def _survey(
     )
     names = [element.prefixed_identifier(prefix_root=root.namescope) for element in kept]
     ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) for name in names]
-    limited = (model.actuator_ctrllimited[ids] != 0)[:, None]
-    kept_ranges = np.where(limited, model.actuator_ctrlrange[ids], [[-1.0, 1.0]])
+    controls = model.actuator_ctrladr[ids]
+    limited = (model.actuator_ctrllimited[controls] != 0)[:, None]
+    kept_ranges = np.where(limited, model.actuator_ctrlrange[controls], [[-1.0, 1.0]])
     return joints, kept_ranges.reshape(-1, 2)
 
 

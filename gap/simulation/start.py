@@ -101,8 +101,9 @@ def _filtered(model: mujoco.MjModel, actuator: int, past: FloatArray) -> FloatAr
         part = -float(np.expm1(-step / constant))
     late = round(float(model.actuator_delay[actuator]) / step)
     commands = past[..., : past.shape[-2] - late, _inputs(model, actuator).start]
-    if model.actuator_ctrllimited[actuator]:
-        commands = np.clip(commands, *model.actuator_ctrlrange[actuator])
+    control = _inputs(model, actuator).start
+    if model.actuator_ctrllimited[control]:
+        commands = np.clip(commands, *model.actuator_ctrlrange[control])
     settled = (1 - part) * commands[..., :1]
     activation, _ = lfilter([part], [1, part - 1], commands, zi=settled)
     return np.asarray(activation[..., -1], dtype=np.float64)

@@ -138,3 +138,12 @@ def test_order_is_the_models_and_controls_are_addressed_behind_several_inputs():
     control = np.zeros(model.nu)
     control[motor.ctrl], control[servo.ctrl] = motor.control(2.0), servo.control(0.5)
     assert effort(model, joint, control, 0.1, 0.0) == pytest.approx(2.0 + 8 * (0.5 - 0.1))
+
+
+def test_an_actuator_behind_one_with_several_inputs():
+    model, joint = load(
+        '<pid joint="other" kp="10" input="pos vel ff"/>'
+        '<position joint="j" kp="7" gear="3" ctrlrange="-1 2"/>'
+    )
+    (drive,) = drives_of_joint(model, joint.id)
+    assert (drive.actuator, drive.ctrl, drive.slope) == (1, 3, 3.0)
