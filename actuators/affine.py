@@ -102,6 +102,8 @@ class AffineActuator(NativeActuator):
             if velocity is not None:
                 control += self._now["damping"] * velocity
             return control
+        if self._filtered.any():
+            self._act = self.simulation.state("act")[..., self._act_ids]
         target = {"position": position, "velocity": velocity, "effort": effort}[self._kind]
         return np.asarray(self._slope * np.asarray(target) + self._offset)
 

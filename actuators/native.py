@@ -30,7 +30,7 @@ class NativeActuator(TargetedActuator):
         self._started: NDArray[np.bool_] = np.zeros(0, dtype=bool)
         self._all_started = True
         self._changed = False
-        self._control: FloatArray = np.zeros(0)
+        self._arriving: FloatArray = np.zeros(0)
         self._q: FloatArray = np.zeros(0)
         self._qd: FloatArray = np.zeros(0)
 
@@ -56,7 +56,7 @@ class NativeActuator(TargetedActuator):
         return {"nsample": self._lag, "delay": self._lag * timestep, "interp": "zoh"}
 
     def _bind(self) -> None:
-        self._control = np.zeros(self.shape)
+        self._arriving = np.zeros(self.shape)
         self._q, self._qd = np.zeros(self.shape), np.zeros(self.shape)
         self._started = np.zeros((*self.simulation.batch_shape, 1), dtype=bool)
         self._all_started = not self._lag
@@ -87,7 +87,8 @@ class NativeActuator(TargetedActuator):
             )
             self._started[...] = True
             self._all_started = True
-        self._control = control
+        # What efforts are read from later, when the physics may have gone on.
+        self._arriving = control if not self._lag else self._oldest()
         self._changed = False
         q, qd = self.state()
         self._q, self._qd = q.copy(), qd.copy()
@@ -99,14 +100,12 @@ class NativeActuator(TargetedActuator):
         if self._lag:
             self._started[at] = False
             self._all_started = False
-        self._control, self._q, self._qd = (a.copy() for a in (self._control, self._q, self._qd))
-        for array in (self._control, self._q, self._qd):
+        self._arriving, self._q, self._qd = (a.copy() for a in (self._arriving, self._q, self._qd))
+        for array in (self._arriving, self._q, self._qd):
             array[at] = 0.0
 
-    def _arriving(self) -> FloatArray:
-        """The control that the next physics step uses, (..., n_joints)."""
-        if not self._lag:
-            return self._control
+    def _oldest(self) -> FloatArray:
+        """The control in MuJoCo's history that the next physics step uses, (..., n_joints)."""
         history = self.simulation.state("history")
         newest = history[..., self._cursor_at].astype(np.intp)
         oldest = self._values_at[:, 0] + (newest + 1) % self._lag
