@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
@@ -162,8 +162,10 @@ class TargetedActuator(Actuator):
         simulation = Simulation.of(physics)
         model = simulation.model
         kind = self.cfg.transmission
-        self._joint_ids = self._ids(model, self._targets, _OBJECT[kind])
-        self._actuator_ids = self._ids(model, self._elements, mujoco.mjtObj.mjOBJ_ACTUATOR)
+        self._joint_ids = element_ids(model, self._targets, _OBJECT[kind], self._root)
+        self._actuator_ids = element_ids(
+            model, self._elements, mujoco.mjtObj.mjOBJ_ACTUATOR, self._root
+        )
         self._ctrl_ids = model.actuator_ctrladr[self._actuator_ids].astype(np.intp)
         if kind == "joint":
             for name, joint in zip(self._joint_names, self._joint_ids, strict=True):
@@ -197,23 +199,6 @@ class TargetedActuator(Actuator):
                 **{name: np.array(value) for name, value in self._own().items()},
             }
             self._nominal_of = model
-
-    def _ids(self, model: mujoco.MjModel, elements: Any, kind: mujoco.mjtObj) -> IntArray:
-        ids = []
-        for element in elements:
-            full = element.full_identifier
-            found = mujoco.mj_name2id(model, kind, full)
-            if found < 0:
-                # Compiled from the walker's own root, although it is attached to another.
-                own = element.prefixed_identifier(prefix_root=self._root.namescope)
-                found = mujoco.mj_name2id(model, kind, own)
-            if found < 0:
-                raise ValueError(
-                    f"the compiled model has no {element.tag} {full!r}: compile the model that "
-                    "edit_mjcf was called on, or the arena to which it is attached"
-                )
-            ids.append(found)
-        return np.array(ids, dtype=np.intp)
 
     def warn_unstable(self, stiffness: FloatArray, damping: FloatArray) -> None:
         """Warns of gains that explicit integration does not bear.
@@ -328,6 +313,37 @@ def actuators_of(target: mjcf.Element) -> list[Any]:
             for reference in ("joint", "jointinparent", "tendon", "site")
         )
     ]
+
+
+def element_ids(
+    model: mujoco.MjModel, elements: Iterable[Any], kind: mujoco.mjtObj, root: mjcf.RootElement
+) -> IntArray:
+    """Where elements of a robot's text are in a compiled model.
+
+    Args:
+        model: compiled from the robot's own root, or from an arena to which it is attached.
+        elements: of one kind.
+        kind: what they are.
+        root: the robot's own root.
+
+    Raises:
+        ValueError: the model does not have one of them.
+    """
+    ids = []
+    for element in elements:
+        full = element.full_identifier
+        found = mujoco.mj_name2id(model, kind, full)
+        if found < 0:
+            # Compiled from the walker's own root, although it is attached to another.
+            own = element.prefixed_identifier(prefix_root=root.namescope)
+            found = mujoco.mj_name2id(model, kind, own)
+        if found < 0:
+            raise ValueError(
+                f"the compiled model has no {element.tag} {full!r}: compile the model that "
+                "edit_mjcf was called on, or the arena to which it is attached"
+            )
+        ids.append(found)
+    return np.array(ids, dtype=np.intp)
 
 
 def in_kinematic_order(root: mjcf.RootElement, kind: str) -> list[Any]:

@@ -25,7 +25,8 @@ from walkerkit.actuators import ActuatorCfg
 from walkerkit.actuators.errors import closest, listed
 from walkerkit.actuators.selection import select
 from walkerkit.walkers.actions import ActionTerm
-from walkerkit.walkers.actuated import Actuated, Existing, Randomization
+from walkerkit.walkers.actuated import Actuated
+from walkerkit.walkers.drivetrain import Existing, Randomization
 from walkerkit.walkers.reading import RobotFile, read_robot
 
 FloatArray = NDArray[np.float64]
@@ -320,7 +321,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
     @property
     def actuators(self) -> Sequence[Any]:
         """MuJoCo's actuators: ours in the order of `actuator_group.joint_names`, then the kept."""
-        return (*self._group.elements, *self._kept)
+        return (*self.drivetrain.group.elements, *self.drivetrain.kept)
 
     @property
     def end_effectors(self) -> Sequence[Any]:

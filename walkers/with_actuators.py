@@ -17,7 +17,8 @@ from dm_control.locomotion.walkers import base
 
 from walkerkit.actuators import ActuatorCfg
 from walkerkit.walkers.actions import ActionTerm
-from walkerkit.walkers.actuated import Actuated, Existing, Randomization
+from walkerkit.walkers.actuated import Actuated
+from walkerkit.walkers.drivetrain import Existing, Randomization
 
 WalkerT = TypeVar("WalkerT", bound=base.Walker)
 

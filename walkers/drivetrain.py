@@ -1,0 +1,251 @@
+"""A robot's drivetrain: its actuators, and what a policy's action asks of them.
+
+    drivetrain = Drivetrain(root, cfgs, action=JointPositionAction(joint_names_expr=(".*",)))
+    physics = mjcf.Physics.from_mjcf_model(root)
+    drivetrain.initialize(physics)             # after each compilation
+    drivetrain.reset(random_state)             # at the start of an episode
+    drivetrain.act(action)                     # at each control step
+    drivetrain.run()                           # before each physics step
+
+It knows neither walkers nor tasks: composer walkers and the physics of suite tasks have one each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal, Protocol
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from dm_env import specs
+from numpy.typing import ArrayLike, NDArray
+
+from walkerkit.actuators import ActuatorCfg, ActuatorCmd, ActuatorGroup
+from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.selection import select
+from walkerkit.actuators.simulation import Simulation
+from walkerkit.actuators.targeted import actuators_of, candidates, element_ids
+from walkerkit.actuators.wrapped import XmlActuatorCfg
+from walkerkit.walkers.actions import (
+    ActionTerm,
+    Commander,
+    FullRangeAction,
+    Joints,
+    checked_action,
+)
+
+FloatArray = NDArray[np.float64]
+Existing = Literal["replace", "keep"]
+
+
+class Randomization(Protocol):
+    """Changes actuators at the start of an episode."""
+
+    def apply(self, actuators: ActuatorGroup, random_state: Any) -> Any:
+        """Draws anew, from the nominal values."""
+
+
+class Drivetrain:
+    """Actuators added to a model, with the controls of those that the model keeps.
+
+    Args:
+        root: the robot's model, before compilation; it is changed.
+        cfgs: configs of the actuators.
+        action: action terms; by default an action spans all that the joints can do.
+        default: {joint: position} of the default pose [rad; m]; others are at their reference.
+        existing: `replace` the actuators that the joints have already, or `keep` them, which makes
+            a second one for the same joint an error.
+        randomizations: applied at the start of each episode.
+
+    Attributes:
+        group: the actuators, whose laws run before each physics step.
+        kept: MuJoCo's actuators that are not of this drivetrain; they take the last numbers of an
+            action, as their controls.
+        joints: what is known of the joints that the group drives.
+        command: what the actuators are asked for at present.
+        last_action: the last action of this episode, zeros before the first.
+
+    Raises:
+        TypeError: something is not a config.
+        ValueError: as `ActuatorGroup.edit_mjcf` and `Commander`.
+    """
+
+    def __init__(
+        self,
+        root: mjcf.RootElement,
+        cfgs: ActuatorCfg | Iterable[ActuatorCfg],
+        *,
+        action: ActionTerm | Sequence[ActionTerm] | None = None,
+        default: Mapping[str, float] | None = None,
+        existing: Existing = "replace",
+        randomizations: Sequence[Randomization] = (),
+    ):
+        self.group = ActuatorGroup(cfgs)
+        if existing == "replace":
+            _remove_claimed(root, self.group)
+        self.group.edit_mjcf(root)
+        self.kept: tuple[Any, ...] = tuple(
+            element
+            for element in root.find_all("actuator")
+            if not any(element is ours for ours in self.group.elements)
+        )
+        self._root = root
+        self._randomizations = tuple(randomizations)
+        self.joints, self._kept_ranges = _survey(root, self.group, self.kept, default or {})
+        terms = (FullRangeAction(),) if action is None else action
+        self._commander = Commander(terms if isinstance(terms, Sequence) else (terms,), self.joints)
+        kept_names = tuple(str(element.name) for element in self.kept)
+        self._names = (*self._commander.names, *kept_names)
+        self._ctrl: FloatArray = np.zeros(0)
+        self._kept_at: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+        self.command: ActuatorCmd = self._commander.rest()
+        self.last_action: FloatArray = np.zeros(len(self._names))
+
+    def initialize(self, physics: Any) -> None:
+        """Finds joints and controls in the compiled model; again after each compilation.
+
+        Args:
+            physics: what `Simulation.of` takes.
+        """
+        self.group.initialize(physics)
+        self._ctrl = self.group.simulation.state("ctrl")
+        model = Simulation.of(physics).model
+        ids = element_ids(model, self.kept, mujoco.mjtObj.mjOBJ_ACTUATOR, self._root)
+        self._kept_at = model.actuator_ctrladr[ids].astype(np.intp)
+
+    def reset(self, random_state: Any) -> None:
+        """Forgets the last episode: delays, histories, the command; draws what is random.
+
+        Args:
+            random_state: where draws come from.
+        """
+        for randomization in self._randomizations:
+            randomization.apply(self.group, random_state)
+        self.command = self._commander.rest()
+        self.last_action = np.zeros(len(self._names))
+        self.group.reset(random_state=random_state)
+        # Observations of the first step see forces that belong to the pose.
+        self.group.apply(self.command)
+        self.group.reset(random_state=random_state)
+
+    def act(self, action: ArrayLike) -> None:
+        """Sets the command, and the controls that were kept, for the coming physics steps.
+
+        Args:
+            action: (n,), in [-1, 1]; what is outside is clipped. Controls of actuators that were
+                kept come last, in their own units.
+
+        Raises:
+            ValueError: the action has another shape, or is not finite.
+        """
+        values = checked_action(action, self._names)
+        n = self._commander.size
+        self.command = self._commander.command(values[:n])
+        if self.kept:
+            low, high = self._kept_ranges.T
+            self._ctrl[self._kept_at] = np.clip(values[n:], low, high)
+        self.last_action = values
+
+    def run(self) -> None:
+        """Runs the actuators' laws for the next physics step."""
+        self.group.apply(self.command)
+
+    def action_for(self, cmd: ActuatorCmd | None = None) -> FloatArray:
+        """The action that asks for a command, as a policy in physical units needs it.
+
+        Args:
+            cmd: targets of `joints.names`; None to hold the default pose.
+
+        Returns:
+            (n,), not clipped: what is beyond ±1 is more than the action terms can ask for. Controls
+            of actuators that were kept are zero.
+        """
+        wanted = self._commander.action(self._commander.rest() if cmd is None else cmd)
+        return np.concatenate([wanted, np.zeros(len(self.kept))])
+
+    @property
+    def rest(self) -> ActuatorCmd:
+        """The command to hold the default pose."""
+        return self._commander.rest()
+
+    @property
+    def action_spec(self) -> specs.BoundedArray:
+        """A number in [-1, 1] for each of the terms' targets, then controls that were kept."""
+        n = self._commander.size
+        return specs.BoundedArray(
+            shape=(len(self._names),),
+            dtype=np.float64,
+            minimum=np.concatenate([np.full(n, -1.0), self._kept_ranges[:, 0]]),
+            maximum=np.concatenate([np.full(n, 1.0), self._kept_ranges[:, 1]]),
+            name="\t".join(self._names),
+        )
+
+
+def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> None:
+    """Removes the actuators of joints that get a new one, and the sensors that read them."""
+    removed = []
+    for cfg in group.cfgs:
+        base = getattr(cfg, "base_cfg", cfg)
+        if isinstance(base, TargetedActuatorCfg) and not isinstance(base, XmlActuatorCfg):
+            named = candidates(root, base.transmission)
+            targets = list(named.values())
+            for i in select(base.joint_names_expr, list(named)):
+                removed += actuators_of(targets[i])
+    for sensor in root.find_all("sensor"):
+        if any(getattr(sensor, "actuator", None) is element for element in removed):
+            sensor.remove()
+    for element in removed:
+        element.remove()
+
+
+def _survey(
+    root: mjcf.RootElement, group: ActuatorGroup, kept: Sequence[Any], default: Any
+) -> tuple[Joints, FloatArray]:
+    """What there is to know of the joints and of the controls that were kept, compiled once."""
+    model = _compiled(root)
+    data = mujoco.MjData(model)
+    group.initialize((model, data))
+    positions, ranges = [], []
+    on_joint = {
+        name: int(joint)
+        for actuator, cfg in zip(group.actuators, group.cfgs, strict=True)
+        if getattr(getattr(cfg, "base_cfg", cfg), "transmission", "joint") == "joint"
+        for name, joint in zip(actuator.joint_names, actuator.joint_ids, strict=True)
+    }
+    for name in group.joint_names:
+        joint = on_joint.get(name)
+        if joint is None:
+            positions.append(0.0)
+            ranges.append([-np.inf, np.inf])
+            continue
+        address = model.jnt_qposadr[joint]
+        positions.append(float(default.get(name, model.qpos0[address])))
+        limited = model.jnt_limited[joint]
+        ranges.append(list(model.jnt_range[joint]) if limited else [-np.inf, np.inf])
+    takes = {name: actuator.takes for actuator in group.actuators for name in actuator.joint_names}
+    joints = Joints(
+        names=group.joint_names,
+        default=np.array(positions),
+        ranges=np.array(ranges).reshape(-1, 2),
+        takes=tuple(takes[name] for name in group.joint_names),
+        speeds=_limits(group, "velocity_limit"),
+        efforts=_limits(group, "effort_limit"),
+    )
+    controls = model.actuator_ctrladr[element_ids(model, kept, mujoco.mjtObj.mjOBJ_ACTUATOR, root)]
+    limited = (model.actuator_ctrllimited[controls] != 0)[:, None]
+    kept_ranges = np.where(limited, model.actuator_ctrlrange[controls], [[-1.0, 1.0]])
+    return joints, kept_ranges.reshape(-1, 2)
+
+
+def _compiled(root: mjcf.RootElement) -> mujoco.MjModel:
+    """The walker's own model, as MuJoCo compiles it."""
+    return mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
+
+
+def _limits(group: ActuatorGroup, name: str) -> FloatArray:
+    limits: dict[str, float] = {}
+    for actuator in group.actuators:
+        if name in actuator.parameters:
+            limits.update(zip(actuator.joint_names, actuator.nominal(name), strict=True))
+    return np.array([limits.get(joint, np.inf) for joint in group.joint_names])
