@@ -32,6 +32,17 @@ from walkerkit.actuators.motors import (
     rotary_to_linear,
     rpm_to_rad,
 )
+from walkerkit.actuators.randomization import Randomization
+from walkerkit.actuators.randomize import (
+    randomize,
+    randomize_armature,
+    randomize_delay,
+    randomize_effort_limits,
+    randomize_friction,
+    randomize_pd_gains,
+    randomize_strength,
+    randomize_viscous_damping,
+)
 from walkerkit.actuators.scaled import (
     add_effort_actuator,
     add_position_actuator,
@@ -64,6 +75,7 @@ __all__ = [
     "LearnedMlpActuatorCfg",
     "LstmActuatorCfg",
     "Motor",
+    "Randomization",
     "RemotizedPdActuatorCfg",
     "XmlMotorActuatorCfg",
     "XmlPositionActuatorCfg",
@@ -74,6 +86,14 @@ __all__ = [
     "gains_from_bandwidth",
     "linkage_matrix",
     "parallel_linkage",
+    "randomize",
+    "randomize_armature",
+    "randomize_delay",
+    "randomize_effort_limits",
+    "randomize_friction",
+    "randomize_pd_gains",
+    "randomize_strength",
+    "randomize_viscous_damping",
     "reflected_inertia",
     "reflected_inertia_from_two_stage_planetary",
     "rotary_to_linear",

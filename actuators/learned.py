@@ -9,8 +9,9 @@
         effort_limit=25.0,
     )
 
-Networks are `.npz` files of arrays: nothing in them is executed. `networks.convert` makes them from
-PyTorch and ONNX files, `networks.train` from logs of a real joint. A network knows the timestep of
+Networks are `.npz` files of arrays: nothing in them is executed. `networks.convert_torch` and
+`networks.convert_onnx` make them from other files, `networks.train_mlp_actuator` from logs of a
+real joint. A network knows the timestep of
 the samples that it was trained on: run it at that timestep.
 """
 
