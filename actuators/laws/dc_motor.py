@@ -2,9 +2,9 @@
 
 With stall torque S, no-load speed V and continuous limit F, a motor at speed v can make at most
 
-    hi = min(S (1 − v/V), F)   and   at least   lo = max(−S (1 + v/V), −F),
+    hi = S (1 − v/V)   and   at least   lo = −S (1 + v/V),   both held within ±F,
 
-with v held within ±V (1 + F/S), where these lines meet the limit. Faster than V it can only brake.
+which is as if v were held within ±V (1 + F/S). Faster than V it can only brake.
 `DcMotorActuator` of mjlab and of Isaac Lab document the same curve.
 """
 
@@ -34,9 +34,8 @@ def dc_motor_clip(
         velocity_limit: V, without load [rad/s; m/s].
         effort_limit: F, what it may make for long [N·m; N].
     """
-    corner = velocity_limit * (1 + effort_limit / saturation_effort)
     line = saturation_effort / velocity_limit
-    return _clip(effort, qd, saturation_effort, line, corner, -corner, effort_limit, None, None)
+    return _clip(effort, qd, saturation_effort, line, effort_limit, -effort_limit, None, None)
 
 
 def _clip(
@@ -44,20 +43,20 @@ def _clip(
     qd: FloatArray,
     stall: FloatArray,
     line: FloatArray,
-    corner: FloatArray,
-    other_corner: FloatArray,
     limit: FloatArray,
+    other_limit: FloatArray,
     scratch: FloatArray | None,
     scratch2: FloatArray | None,
 ) -> FloatArray:
-    lost = np.minimum(qd, corner, out=scratch)
-    lost = np.maximum(lost, other_corner, out=scratch)
-    lost = np.multiply(lost, line, out=scratch)
+    # Bounds are held within the limits, and not the speed before them: exact, and symmetric.
+    lost = np.multiply(qd, line, out=scratch)
     bound = np.subtract(stall, lost, out=scratch2)
+    bound = np.maximum(bound, other_limit, out=scratch2)
     bound = np.minimum(bound, limit, out=scratch2)
     out: FloatArray = np.minimum(effort, bound)
     # The lower bound, with its sign turned.
     bound = np.add(stall, lost, out=scratch2)
+    bound = np.maximum(bound, other_limit, out=scratch2)
     bound = np.minimum(bound, limit, out=scratch2)
     bound = np.negative(bound, out=scratch2)
     return np.maximum(out, bound, out=out)
@@ -80,14 +79,8 @@ class DcMotorClip:
         effort_limit: FloatArray,
         shape: tuple[int, ...],
     ):
-        corner = velocity_limit * (1 + effort_limit / saturation_effort)
-        self._curve = (
-            saturation_effort,
-            saturation_effort / velocity_limit,
-            corner,
-            -corner,
-            effort_limit,
-        )
+        line = saturation_effort / velocity_limit
+        self._curve = saturation_effort, line, effort_limit, -effort_limit
         self._scratch = np.empty(shape), np.empty(shape)
 
     def __call__(self, effort: FloatArray, qd: FloatArray) -> FloatArray:
