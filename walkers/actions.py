@@ -74,6 +74,11 @@ class BoundTerm:
         """The targets that an action in [-1, 1] asks for, (n,)."""
         return np.clip(self.offset + self.scale * action, self.low, self.high)
 
+    def action(self, targets: FloatArray) -> FloatArray:
+        """The action that asks for these targets, (n,); zero where none makes a difference."""
+        moves = self.scale != 0
+        return np.where(moves, (targets - self.offset) / np.where(moves, self.scale, 1.0), 0.0)
+
 
 class ActionTerm(abc.ABC):
     """A part of the action that sets one kind of target."""
@@ -319,6 +324,22 @@ class Commander:
             targets[term.target][term.columns] = term.targets(values[first:last])
             first = last
         return ActuatorCmd(**targets)
+
+    def action(self, cmd: ActuatorCmd) -> FloatArray:
+        """The action that asks for a command, the inverse of `command`.
+
+        Args:
+            cmd: targets of all joints; those it leaves out are those of `rest`.
+
+        Returns:
+            (size,), not clipped: what is beyond ±1 is more than the terms can ask for.
+        """
+        parts = []
+        for term in self._terms:
+            targets = getattr(cmd, term.target)
+            wanted = self._rest[term.target] if targets is None else np.asarray(targets)
+            parts.append(term.action(wanted[term.columns]))
+        return np.concatenate([np.zeros(0), *parts])
 
 
 def checked_action(action: ArrayLike, names: Sequence[str]) -> FloatArray:

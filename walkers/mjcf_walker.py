@@ -16,9 +16,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from dm_control import composer
+from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
-from dm_control.locomotion.walkers import base, legacy_base
+from dm_control.locomotion.walkers import base, initializers, legacy_base
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators import ActuatorCfg
@@ -77,6 +77,20 @@ class MjcfWalkerObservables(legacy_base.WalkerObservables):  # type: ignore[misc
         return read
 
 
+class _AtHome(initializers.WalkerInitializer):  # type: ignore[misc]
+    """The home pose; a robot that does not float stays where it was attached."""
+
+    def initialize_pose(self, physics: Any, walker: Any, random_state: Any) -> None:
+        """Sets joints, and the free joint where there is one."""
+        del random_state
+        qpos, position, quaternion = walker.upright_pose
+        walker.configure_joints(physics, qpos)
+        root = walker.mjcf_model
+        if root.parent_model is not None and mjcf.get_frame_freejoint(root) is not None:
+            walker.set_pose(physics, position=position, quaternion=quaternion)
+            walker.set_velocity(physics, velocity=np.zeros(3), angular_velocity=np.zeros(3))
+
+
 class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
     """A robot that someone described in MJCF or URDF, with actuators of ours."""
 
@@ -97,7 +111,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         initializer: Any = None,
     ) -> None:
         """Builds the walker; `from_file` says what the arguments are."""
-        super()._build(initializer=initializer)
+        super()._build(initializer=_AtHome() if initializer is None else initializer)
         self._posed = False
         root = robot.root
         self._mjcf_root = root
