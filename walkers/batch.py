@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -92,6 +92,14 @@ class LockStep:
         if any(name in _SET_CONST_INPUTS for name in fields or {}):
             self._batch.set_const()
 
+    def parameter(self, name: str) -> FloatArray:
+        """A model field of which each simulation has its own, (n_sims, *shape), live and writable.
+
+        Args:
+            name: the field; none that other constants are derived from.
+        """
+        return self._batch.expand(name)  # type: ignore[no-any-return]
+
     def rollout(
         self,
         state: FloatArray,
@@ -131,6 +139,56 @@ class LockStep:
         except SimulationError as error:
             failed[error.ids] = True
         failed |= (self._batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
+        for values in out.values():
+            values[failed] = np.nan
+        return Rollout(records=out, failed=failed)
+
+    def step_by_step(
+        self,
+        state: FloatArray,
+        n_steps: int,
+        before: Callable[[int, FloatArray, FloatArray, FloatArray], FloatArray],
+        *,
+        record: Sequence[str] = ("qpos",),
+    ) -> Rollout:
+        """Advances every simulation from `state`, asking before each step what to apply.
+
+        Args:
+            state: (n_sims, nstate) rows of `mjSTATE_INTEGRATION`.
+            n_steps: how many steps.
+            before: called with the number of the step, qpos (n_sims, nq), qvel (n_sims, nv) and
+                ctrl (n_sims, nu), which it writes to; returns (n_sims, nv) applied joint effort
+                [N·m or N].
+            record: MjData fields to keep after every step.
+
+        Returns:
+            The records and which simulations failed.
+        """
+        batch = self._batch
+        batch.state[...] = state
+        qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
+        ctrl, applied = batch.bind("ctrl"), batch.bind("qfrc_applied")
+        live = {name: batch.bind(name) for name in record}
+        out = {name: np.empty((self.n_sims, n_steps, *live[name].shape[1:])) for name in record}
+        batch.warning[...] = 0
+        failed = np.zeros(self.n_sims, dtype=bool)
+        going: NDArray[np.intp] | None = None
+        with _without_warnings():
+            for k in range(n_steps):
+                applied[...] = before(k, qpos, qvel, ctrl)
+                try:
+                    batch.step(going)
+                except SimulationError as error:
+                    failed[error.ids] = True
+                for name, values in live.items():
+                    out[name][:, k] = values
+                diverged = failed | (batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
+                if (diverged != failed).any() or (failed.any() and going is None):
+                    # Nothing that has diverged is worth another step.
+                    failed = diverged
+                    going = np.flatnonzero(~failed)
+                    if not going.size:
+                        break
         for values in out.values():
             values[failed] = np.nan
         return Rollout(records=out, failed=failed)

@@ -22,6 +22,7 @@ from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.start import memory, rest, start_state
+from walkerkit.gap.simulation.steploop import law_arguments, rollout_with_laws
 from walkerkit.gap.simulation.trials import Trials
 from walkerkit.walkers.batch import LockStep
 
@@ -148,11 +149,15 @@ class Replay:
             row_bytes = 8 * group.steps * (model.nq + 2 * model.nv + model.nu)
             chunk = max(1, _CHUNK_BYTES // (row_bytes * len(group.segments)))
             for start in range(0, trials.n, chunk):
-                part = trials.rows(slice(start, min(start + chunk, trials.n)))
-                self._simulate(group, part, predicted[start : start + chunk])
+                rows = np.arange(start, min(start + chunk, trials.n))
+                active = trials.with_laws[rows]
+                for some in (rows[~active], rows[active]):
+                    if some.size:
+                        predicted[some] = self._simulate(group, trials.rows(some), predicted[some])
         return predicted
 
-    def _simulate(self, group: _Group, trials: Trials, out: FloatArray) -> None:
+    def _simulate(self, group: _Group, trials: Trials, out: FloatArray) -> FloatArray:
+        """Fills in the rows and channels of a group; variants with laws and without do not mix."""
         model, n, n_segments = self.robot.model, trials.n, len(group.segments)
         step = model.opt.timestep
         joints = [self.robot.joints[name] for name in group.joints]
@@ -164,12 +169,14 @@ class Replay:
 
         qpos, qvel = self._initial_state(group, delay - lead[:, None])
         fields = dict(trials.fields)
+        lawful = bool(trials.with_laws.any())
         shift = np.tile(lead[:, None], model.nu)
         for index, (name, drive) in group.drives.items():
             shift[:, index] += trials.command_delay[name]
-            later = trials.command_delay[name] != 0
+            later = (trials.command_delay[name] != 0) | lawful
             if model.actuator_delay[drive.actuator] and later.any():
-                # As one delay: two interpolations between steps would smooth twice.
+                # As one delay: two interpolations between steps would smooth twice. And laws have
+                # to see what the drive sees.
                 own = fields.get("actuator_delay", trials.own("actuator_delay")).copy()
                 shift[later, index] += own[later, drive.actuator]
                 own[later, drive.actuator] = 0
@@ -192,12 +199,23 @@ class Replay:
             n_threads=self.n_threads,
         )
         applied = self._applied(group, trials, lead, steps)
-        rollout = batch.rollout(
-            state.reshape(n * n_segments, -1),
-            ctrl=ctrl[:, :, remembered:].reshape(n * n_segments, steps, -1),
-            qfrc_applied=None if applied is None else applied.reshape(n * n_segments, steps, -1),
-            record=record,
-        )
+        start = state.reshape(n * n_segments, -1)
+        controls = ctrl[:, :, remembered:].reshape(n * n_segments, steps, -1)
+        beside = None if applied is None else applied.reshape(n * n_segments, steps, -1)
+        changed = None
+        if lawful:
+            rollout, changed = rollout_with_laws(
+                batch,
+                start,
+                ctrl=controls,
+                qfrc_applied=beside,
+                record=record,
+                joints=joints,
+                **law_arguments(model, joints, fields, trials, n_segments),
+            )
+            changed = changed.reshape(n, n_segments, steps, -1)
+        else:
+            rollout = batch.rollout(start, ctrl=controls, qfrc_applied=beside, record=record)
         records = {
             name: values.reshape(n, n_segments, steps, -1)
             for name, values in rollout.records.items()
@@ -215,6 +233,8 @@ class Replay:
                 series, age = series[..., joint.dof], lead
                 if applied is not None:  # the same drive makes it, so its log shows it
                     series = series + applied[..., joint.dof]
+                if changed is not None:
+                    series = series + changed[..., k]
                 series = scale * series + offset
             else:
                 column = joint.qpos if channel.signal == "position" else joint.dof
@@ -223,6 +243,7 @@ class Replay:
                 age = lead - delay[:, k]
             for s, span in enumerate(group.rows):
                 out[:, span, c] = _at(series[:, s], (self.time_of_row[span] + age[:, None]) / step)
+        return out
 
     def _applied(
         self, group: _Group, trials: Trials, lead: FloatArray, steps: int

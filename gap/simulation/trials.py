@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.drivetrain.law import DrivetrainLaw
 from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
@@ -36,6 +37,7 @@ class Trials:
         effort_scale: joint to (n,) logged effort over the drive's effort at the joint.
         effort_offset: joint to (n,) added to the logged effort [N·m].
         fields: model field to its (n, *shape) values, of the fields that were asked for.
+        laws: drivetrain law, joint and parameter to its (n,) values, of the laws asked for.
     """
 
     def __init__(self, robot: Robot, n: int):
@@ -47,6 +49,7 @@ class Trials:
         self.effort_scale = {j: np.full(n, known[j].effort_scale) for j in known}
         self.effort_offset = {j: np.full(n, known[j].effort_offset) for j in known}
         self.fields: dict[str, NDArray[Any]] = {}
+        self.laws: dict[tuple[type[DrivetrainLaw], str, str], FloatArray] = {}
 
     def field(self, name: str) -> NDArray[Any]:
         """The (n, *shape) values of a model field, or of an `opt.` field, to write to."""
@@ -58,9 +61,25 @@ class Trials:
         """The (n, *shape) values that the model itself has."""
         return np.repeat(model_field(self.robot.model, name)[None], self.n, axis=0)
 
-    def rows(self, rows: slice) -> Trials:
+    def law(self, law: type[DrivetrainLaw], joint: str) -> dict[str, FloatArray]:
+        """The (n,) parameters of a law at a joint, neutral at first, to write to."""
+        for name in law.parameter_names():
+            if (law, joint, name) not in self.laws:
+                self.laws[law, joint, name] = np.full(self.n, law.neutral[name])
+        return {name: self.laws[law, joint, name] for name in law.parameter_names()}
+
+    @property
+    def with_laws(self) -> NDArray[np.bool_]:
+        """(n,) whether a law does anything in a variant."""
+        active = np.zeros(self.n, dtype=bool)
+        for (law, _, name), values in self.laws.items():
+            if name in law.parameter_names()[: law.sizes]:
+                active |= values != law.neutral[name]
+        return active
+
+    def rows(self, rows: slice | NDArray[np.intp]) -> Trials:
         """Some of the variants."""
-        part = Trials(self.robot, len(range(*rows.indices(self.n))))
+        part = Trials(self.robot, len(np.arange(self.n)[rows]))
         for mine, theirs in zip(self._columns(), part._columns(), strict=True):
             theirs.update({name: values[rows] for name, values in mine.items()})
         return part
@@ -72,18 +91,22 @@ class Trials:
         for name in dict.fromkeys(name for block in blocks for name in block.fields):
             for block in blocks:
                 block.field(name)
+        for law, joint in dict.fromkeys((law, j) for block in blocks for law, j, _ in block.laws):
+            for block in blocks:
+                block.law(law, joint)
         for k, columns in enumerate(whole._columns()):
             parts = [block._columns()[k] for block in blocks]
             columns.update({name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
         return whole
 
-    def _columns(self) -> tuple[dict[str, NDArray[Any]], ...]:
+    def _columns(self) -> tuple[dict[Any, NDArray[Any]], ...]:
         return (
             self.command_delay,
             self.position_delay,
             self.effort_scale,
             self.effort_offset,
             self.fields,
+            self.laws,
         )
 
 

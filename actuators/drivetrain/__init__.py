@@ -1,0 +1,1 @@
+"""What lies between a command and a joint and MuJoCo has no field for."""

@@ -1,0 +1,169 @@
+"""Friction of the joint, as dry friction that MuJoCo's own constraint solves for, step by step.
+
+A joint that sticks therefore sticks, at any timestep; see MuJoCo's computation chapter on friction
+loss for how softly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Parameters, Stage, State, Step
+from walkerkit.actuators.fields import number
+from walkerkit.actuators.selection import Numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class AsymmetricFriction(DrivetrainLaw):
+    """Dry friction Fc⁺ forwards and Fc⁻ backwards.
+
+    It is the mean of both as symmetric friction, and half the difference as a constant effort:
+    at rest the joint holds anything between −Fc⁻ and Fc⁺ either way.
+
+    Attributes:
+        forward: Fc⁺ [N·m; N].
+        backward: Fc⁻ [N·m; N].
+    """
+
+    name: ClassVar[str] = "asymmetric_friction"
+    stage: ClassVar[Stage] = "joint"
+    neutral: ClassVar[Mapping[str, float]] = {"forward": 0.0, "backward": 0.0}
+    sizes: ClassVar[int] = 2
+    forward: Numbers = number(at_least=0)
+    backward: Numbers = number(at_least=0)
+
+    @staticmethod
+    def apply(step: Step, p: Parameters, state: State) -> None:
+        """As in `DrivetrainLaw`."""
+        step.friction += 0.5 * (p["forward"] + p["backward"])
+        step.extra -= 0.5 * (p["forward"] - p["backward"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class StribeckFriction(DrivetrainLaw):
+    """More dry friction at low speed: (Fs − Fc) exp(−|q̇/vs|^α), beside the model's Fc.
+
+    Attributes:
+        breakaway: Fs − Fc [N·m; N].
+        velocity: vs, where it has fallen to 37 % [rad/s; m/s].
+        exponent: α; 1 is Tustin's, 2 Gaussian (Armstrong-Hélouvry et al., Automatica 30, 1994).
+    """
+
+    name: ClassVar[str] = "stribeck_friction"
+    stage: ClassVar[Stage] = "joint"
+    neutral: ClassVar[Mapping[str, float]] = {"breakaway": 0.0, "velocity": 1.0, "exponent": 1.0}
+    breakaway: Numbers = number(at_least=0)
+    velocity: Numbers = number(above=0)
+    exponent: Numbers = number(default=1.0, above=0)
+
+    @staticmethod
+    def apply(step: Step, p: Parameters, state: State) -> None:
+        """As in `DrivetrainLaw`."""
+        slowness = (np.abs(step.qd) / p["velocity"]) ** p["exponent"]
+        step.friction += p["breakaway"] * np.exp(-slowness)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadDependentFriction(DrivetrainLaw):
+    """Dry friction in proportion to the load of the gear: μ |τ|.
+
+    Attributes:
+        coefficient: μ [1].
+    """
+
+    name: ClassVar[str] = "load_dependent_friction"
+    stage: ClassVar[Stage] = "joint"
+    neutral: ClassVar[Mapping[str, float]] = {"coefficient": 0.0}
+    coefficient: Numbers = number(at_least=0)
+
+    @staticmethod
+    def apply(step: Step, p: Parameters, state: State) -> None:
+        """As in `DrivetrainLaw`."""
+        step.friction += p["coefficient"] * np.abs(step.effort)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectionalEfficiency(DrivetrainLaw):
+    """A gear that passes on η₁ τ when it drives, and lets η₂ τ brake when it is driven.
+
+    It is their mean as a factor on the effort, and half their difference as friction in proportion
+    to the load: between the two the gear locks.
+
+    Attributes:
+        driving: η₁ [1].
+        backdriving: η₂ [1], at least η₁.
+    """
+
+    name: ClassVar[str] = "directional_efficiency"
+    stage: ClassVar[Stage] = "joint"
+    neutral: ClassVar[Mapping[str, float]] = {"driving": 1.0, "backdriving": 1.0}
+    sizes: ClassVar[int] = 2
+    driving: Numbers = number(at_least=0)
+    backdriving: Numbers = number(at_least=0)
+
+    @staticmethod
+    def apply(step: Step, p: Parameters, state: State) -> None:
+        """As in `DrivetrainLaw`."""
+        step.extra += (0.5 * (p["driving"] + p["backdriving"]) - 1.0) * step.effort
+        lost = np.maximum(0.5 * (p["backdriving"] - p["driving"]), 0.0)
+        step.friction += lost * np.abs(step.effort)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseDependentFriction(DrivetrainLaw):
+    """Dry friction that comes back with the pose: A (1 + sin(N q + φ))/2.
+
+    Attributes:
+        amplitude: A [N·m; N].
+        periods: N, per radian or metre of the joint.
+        phase: φ [rad].
+    """
+
+    name: ClassVar[str] = "pose_dependent_friction"
+    stage: ClassVar[Stage] = "joint"
+    neutral: ClassVar[Mapping[str, float]] = {"amplitude": 0.0, "periods": 1.0, "phase": 0.0}
+    amplitude: Numbers = number(at_least=0)
+    periods: Numbers = number(above=0)
+    phase: Numbers = number(default=0.0)
+
+    @staticmethod
+    def apply(step: Step, p: Parameters, state: State) -> None:
+        """As in `DrivetrainLaw`."""
+        wave = np.sin(p["periods"] * step.q + p["phase"])
+        step.friction += 0.5 * p["amplitude"] * (1.0 + wave)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreslidingFriction(DrivetrainLaw):
+    """Bristles that bend before the joint slides: the LuGre model without its viscous terms.
+
+    ż = q̇ − σ₀ |q̇| z/Fc, τ = −σ₀ z (Canudas de Wit et al., IEEE TAC 40, 1995), each step solved
+    exactly for a constant velocity, since bristles are too stiff for explicit steps.
+
+    Attributes:
+        frictionloss: Fc [N·m; N].
+        bristle_stiffness: σ₀ [N·m/rad; N/m].
+    """
+
+    name: ClassVar[str] = "presliding_friction"
+    stage: ClassVar[Stage] = "joint"
+    state: ClassVar[tuple[str, ...]] = ("z",)
+    neutral: ClassVar[Mapping[str, float]] = {"frictionloss": 0.0, "bristle_stiffness": 1.0}
+    frictionloss: Numbers = number(at_least=0)
+    bristle_stiffness: Numbers = number(above=0)
+
+    @staticmethod
+    def apply(step: Step, p: Parameters, state: State) -> None:
+        """As in `DrivetrainLaw`."""
+        level = np.maximum(p["frictionloss"], 1e-12)
+        stiffness = p["bristle_stiffness"]
+        speed = np.abs(step.qd)
+        settled = np.sign(step.qd) * level / stiffness
+        z = np.where(np.isnan(state["z"]), 0.0, state["z"])
+        z = settled + (z - settled) * np.exp(-stiffness * speed * step.dt / level)
+        state["z"] = z
+        step.extra -= np.where(p["frictionloss"] > 0, stiffness * z, 0.0)
