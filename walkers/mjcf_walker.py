@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators import ActuatorCfg
 from walkerkit.actuators.errors import closest, listed
 from walkerkit.actuators.selection import select
+from walkerkit.actuators.targeted import in_kinematic_order
 from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.actuated import Actuated
 from walkerkit.walkers.drivetrain import Existing, Randomization
@@ -103,28 +104,22 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         action: ActionTerm | Sequence[ActionTerm] | None = None,
         existing: Existing = "replace",
         home: str | Mapping[str, float] | ArrayLike | None = None,
-        root_body: str | None = None,
         joints: Sequence[str] | None = None,
         end_effectors: Sequence[str] | None = None,
-        floating: bool | None = None,
         randomizations: Sequence[Randomization] = (),
         initializer: Any = None,
     ) -> None:
         """Builds the walker; `from_file` says what the arguments are."""
         super()._build(initializer=_AtHome() if initializer is None else initializer)
-        self._posed = False
         root = robot.root
         self._mjcf_root = root
         if name is not None:
             root.model = name
-        self._floating = robot.floating if floating is None else floating
-        self._root_body = _found(root, "body", root_body) if root_body else robot.root_body
-        moving = [
-            joint
-            for joint in root.worldbody.find_all("joint")
-            if joint.tag == "joint" and joint.type not in ("free", "ball") and joint.name
-        ]
-        names = [joint.prefixed_identifier(prefix_root=root.namescope) for joint in moving]
+        self._floating = robot.floating
+        self._root_body = robot.root_body
+        names = list(robot.places)
+        moving = [root.find("joint", name) for name in names]
+        self._all_joints = tuple(in_kinematic_order(root, "joint"))
         self._observable_joints = (
             tuple(moving)
             if joints is None
@@ -133,12 +128,11 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         self._end_effectors = _end_effectors(root, end_effectors)
         self._upright = self._home_pose(robot, home, names)
         self._add_senses()
-        default = self._default_positions(names)
         self.put_on(
             root,
             actuators,
             action=action,
-            default=default,
+            default={name: float(self._upright.qpos[at]) for name, at in robot.places.items()},
             existing=existing,
             randomizations=randomizations,
         )
@@ -186,16 +180,14 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             ValueError: it cannot be read, or an expression or name matches nothing in it.
         """
         return cls(
-            read_robot(path),
+            read_robot(path, root_body=root_body, floating=floating),
             actuators=actuators,
             name=name,
             action=action,
             existing=existing,
             home=home,
-            root_body=root_body,
             joints=joints,
             end_effectors=end_effectors,
-            floating=floating,
             randomizations=randomizations,
         )
 
@@ -216,38 +208,25 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             named = [name for name in keyframes if name]
             key = next((name for name in _HOMES if name in keyframes), (named or [""])[0])
         qpos = keyframes[key].copy()
-        if home is not None and not isinstance(home, str):
-            if isinstance(home, Mapping):
-                for name, position in home.items():
-                    if name not in names:
-                        raise ValueError(
-                            f"home: there is no hinge or slide joint {name!r}{closest(name, names)}"
-                        )
-                    qpos[self._columns(names)[name]] = position
-            else:
-                given = np.asarray(home, dtype=np.float64)
-                if given.shape != qpos.shape or not np.isfinite(given).all():
+        if isinstance(home, Mapping):
+            for name, position in home.items():
+                if name not in robot.places:
                     raise ValueError(
-                        f"home should be {len(qpos)} finite positions, one for each of "
-                        f"{list(names)}, got {home!r}"
+                        f"home: there is no hinge or slide joint {name!r}{closest(name, names)}"
                     )
-                qpos = given.copy()
+                qpos[robot.places[name]] = position
+        elif home is not None and not isinstance(home, str):
+            given = np.asarray(home, dtype=np.float64)
+            if given.shape != qpos.shape:
+                raise ValueError(
+                    f"home should be {len(qpos)} positions, of {list(names)} and of ball joints, "
+                    f"got {home!r}"
+                )
+            qpos = given.copy()
+        if not np.isfinite(qpos).all():
+            raise ValueError(f"home should be finite positions, got {home!r}")
         position, quaternion = robot.poses.get(key, (np.zeros(3), np.array([1.0, 0, 0, 0])))
         return base.WalkerPose(qpos=qpos, xpos=position, xquat=quaternion)
-
-    def _columns(self, names: Sequence[str]) -> dict[str, int]:
-        """Where each joint's position is among those of all joints, of which some have more."""
-        columns, place = {}, 0
-        for joint in self._mjcf_root.worldbody.find_all("joint"):
-            name = joint.prefixed_identifier(prefix_root=self._mjcf_root.namescope)
-            if name in names:
-                columns[name] = place
-            place += 4 if joint.type == "ball" else 1
-        return columns
-
-    def _default_positions(self, names: Sequence[str]) -> dict[str, float]:
-        columns = self._columns(names)
-        return {name: float(self._upright.qpos[columns[name]]) for name in names}
 
     def _add_senses(self) -> None:
         """An inertial unit and a camera at the root, where the file has none."""
@@ -262,11 +241,8 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
                 root.sensor.add(kind, name=name, objtype="site", objname=site)
             else:
                 root.sensor.add(kind, name=name, site=site)
-        cameras = root.find_all("camera")
-        self._camera = root.find("camera", "egocentric") or (
-            cameras[0]
-            if cameras
-            else body.add("camera", name="egocentric", xyaxes=[0, -1, 0, 0, 0, 1], fovy=80)
+        self._camera = root.find("camera", "egocentric") or body.add(
+            "camera", name="egocentric", xyaxes=[0, -1, 0, 0, 0, 1], fovy=80
         )
 
     # What composer and its tasks look for.
@@ -290,17 +266,31 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             physics: the compiled model.
             random_state: for initializers that draw.
         """
-        self._posed = True
         super().reinitialize_pose(physics, random_state)
-        physics.bind(self._mjcf_root.worldbody.find_all("joint")).qvel = 0.0
+        physics.bind(self._all_joints).qvel = 0.0
 
     def initialize_episode(self, physics: Any, random_state: Any) -> None:
         """Forgets the last episode, and takes the home pose where the task gave it none."""
-        joints = physics.bind(self._mjcf_root.worldbody.find_all("joint"))
-        if not self._posed and np.array_equal(joints.qpos, joints.qpos0):
-            self.reinitialize_pose(physics, random_state)
-        self._posed = False
+        joints = physics.bind(self._all_joints)
+        if np.array_equal(joints.qpos, joints.qpos0):
+            self._go_home(physics, random_state)
         super().initialize_episode(physics, random_state)
+
+    def _go_home(self, physics: Any, random_state: Any) -> None:
+        """Takes the home pose where it was attached, or where the task has put it."""
+        root = self._mjcf_root
+        attached = root.parent_model is not None
+        base_joint = mjcf.get_frame_freejoint(root) if attached else None
+        if base_joint is None:
+            self.reinitialize_pose(physics, random_state)
+            return
+        bound = physics.bind(base_joint)
+        reference, pose, velocity = bound.qpos0.copy(), bound.qpos.copy(), bound.qvel.copy()
+        self.reinitialize_pose(physics, random_state)
+        if np.array_equal(pose, reference):
+            self.shift_pose(physics, position=reference[:3], quaternion=reference[3:])
+        else:
+            bound.qpos, bound.qvel = pose, velocity
 
     @property
     def floating(self) -> bool:

@@ -1,13 +1,20 @@
 """Robot files, read so that they can be attached to any arena.
 
-PyMJCF resolves neither units nor compiler settings, and refuses to attach a model whose settings
-differ from the arena's. So a file that is not plain (degrees, another Euler sequence, inertia taken
-from geoms, URDF, attributes that PyMJCF does not know…) goes through MuJoCo's own reader and
-writer, which settle all of that; others are taken to the last digit.
+    robot = read_robot("go1.xml")
+    robot.root, robot.floating, robot.keyframes["home"]
+
+PyMJCF resolves neither units nor compiler settings nor frames, and refuses to attach a model whose
+settings differ from the arena's. So MuJoCo itself reads the file, compiles it and writes it again,
+which settles all of that; what belongs to the file's scene and not to the robot is left out.
+
+Limits: PyMJCF takes what dm_control's schema has, so plugins stay outside. In names
+it keeps the slash for itself: a slash of the file becomes a backslash.
 """
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,19 +24,16 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
+from walkerkit.actuators.errors import closest, listed
+from walkerkit.walkers.settling import leave_out, settled, written
+
 FloatArray = NDArray[np.float64]
 
-_PLAIN: dict[str, tuple[str, ...] | None] = {
-    "angle": ("radian",),
-    "autolimits": None,
-    "meshdir": None,
-    "texturedir": None,
-    "assetdir": None,
-    "coordinate": ("local",),
-    "eulerseq": ("xyz",),
-}
-"""Compiler settings that PyMJCF can attach, with the values that arenas agree to."""
-_FREE = 7  # numbers of a free joint's position
+_COMPILER = ("angle", "autolimits", "meshdir", "texturedir", "assetdir")
+"""Compiler settings that arenas agree to; the others are settled in what MuJoCo writes."""
+_UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
+_FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
+_WIDTH = {_FREE: 7, _BALL: 4}  # numbers of a joint's position, where not one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,126 +41,189 @@ class RobotFile:
     """A robot, ready to be attached.
 
     Attributes:
-        root: its PyMJCF model, without the free joint, the keyframes and the scene of the file.
-        root_body: the body that floats, or the first one.
-        floating: the file gave that body a free joint.
-        keyframes: by name, positions of the joints (without the free joint) in the model's order.
-        poses: by name, position [m] and quaternion of the root body, of a floating robot.
-        left_out: sensors that measure against the world, which no attached model can name.
+        root: its PyMJCF model, without free joint, keyframes and scene.
+        root_body: the body that was asked for, or the one that carries the robot.
+        floating: it is to get a free joint in an arena.
+        places: of its hinge and slide joints with a name, in kinematic order: where the position of
+            each is among the positions of all joints.
+        keyframes: by name, positions of all joints [rad; m; quaternions of balls] in kinematic
+            order. One without a name goes by its number; "" is the reference pose.
+        poses: by the same names, position [m] and quaternion of the body that carries it. Empty
+            where the file fixes it to its world and it stays fixed.
+        left_out: what of the file does not come along and has a name, as "kind name".
     """
 
     root: Any
     root_body: Any
     floating: bool
-    keyframes: dict[str, FloatArray] = field(default_factory=dict)
-    poses: dict[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    places: Mapping[str, int] = field(default_factory=dict)
+    keyframes: Mapping[str, FloatArray] = field(default_factory=dict)
+    poses: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
 
 
-def read_robot(path: str | Path) -> RobotFile:
+def read_robot(
+    path: str | Path, *, root_body: str | None = None, floating: bool | None = None
+) -> RobotFile:
     """Reads an MJCF or URDF file.
+
+    The robot is the tree of bodies with most hinges and slides. Where it floats, all else in the
+    file's world is scene, and left out; where it is fixed, only what no arena can take: other free
+    bodies, and mocap bodies. What refers to the file's world, such as a sensor, is left out, too.
 
     Args:
         path: the file; assets are looked for as MuJoCo does.
+        root_body: name of the robot's root body, where that is another.
+        floating: whether it is to get a free joint in an arena; by default as in the file.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: MuJoCo cannot read it, or it has no body.
+        ValueError: MuJoCo or PyMJCF cannot read it, or it has no such body.
     """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; give the path of an MJCF or URDF file")
-    root = _plain(path) or _settled(path)
-    bodies = root.worldbody.body
-    if not bodies:
-        raise ValueError(f"{path}: the model has no body, so there is no robot to walk")
-    body, free = next(
-        ((b, f) for b in bodies if (f := _free_joint(b)) is not None), (bodies[0], None)
+    with _refusals("MuJoCo", path):
+        spec, model = settled(path)
+    chosen = _root_body(path, model, root_body)
+    top = int(model.body_rootid[chosen])
+    free = _free_joint(model, top)
+    floats = free is not None if floating is None else floating
+    alone = floats or free is not None
+    scene = {
+        body
+        for body in _trees(model)
+        if body != top and (alone or model.body_mocapid[body] >= 0 or _is_free(model, body))
+    }
+    joints = [
+        joint
+        for joint in range(model.njnt)
+        if joint != free and model.body_rootid[model.jnt_bodyid[joint]] not in scene
+    ]
+    bodies = {body.id: body for body in spec.bodies}
+    for body in (chosen, top):
+        bodies[body].name = bodies[body].name or "root_body"
+    name = _escaped(bodies[chosen].name)
+    left_out = leave_out(spec, [bodies[body] for body in sorted(scene)], world=alone)
+    if alone:
+        # Where it stands is the arena's to say; the file's word on it is kept in `poses`.
+        for joint in [joint for joint in bodies[top].joints if joint.id == free]:
+            spec.delete(joint)
+        _put_at_origin(bodies[top])
+    spec.modelname = spec.modelname.replace("/", "_")
+    with _refusals("MuJoCo", path):
+        text = written(spec)
+    root = _attachable(path, text)
+    states = _states(model)
+    columns = [column for joint in joints for column in _columns(model, joint)]
+    return RobotFile(
+        root=root,
+        root_body=root.find("body", name),
+        floating=floats,
+        places=_places(model, joints),
+        keyframes={key: qpos[columns] for key, qpos in states.items()},
+        poses=_poses(model, top, free, states) if alone else {},
+        left_out=left_out,
     )
-    return _robot(root, body, free)
 
 
-def _plain(path: Path) -> Any | None:
-    """The file as PyMJCF reads it, or None where that would not do."""
-    if path.suffix.lower() == ".urdf":
-        return None
+@contextlib.contextmanager
+def _refusals(who: str, path: Path) -> Iterator[None]:
+    """Says of which file the errors within are."""
     try:
-        root = mjcf.from_path(str(path), escape_separators=True)
-    except Exception:  # whatever its parser trips over, MuJoCo's own is asked next
-        return None
-    for name, value in root.compiler.get_attributes().items():
-        accepted = _PLAIN.get(name, ())
-        if accepted is not None and value not in accepted:
-            return None
-    return root if root.compiler.angle == "radian" else None
+        yield
+    except Exception as error:
+        # PyMJCF raises whatever its parser trips over.
+        raise ValueError(f"{path}: {who} cannot read it: {' '.join(str(error).split())}") from error
 
 
-def _settled(path: Path) -> Any:
-    """The file as MuJoCo reads it and writes it again."""
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        spec.compile()
-        text = spec.to_xml()
-    except ValueError as error:
-        raise ValueError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
-    root = mjcf.from_xml_string(text, model_dir=str(path.parent), escape_separators=True)
+def _attachable(path: Path, text: str) -> Any:
+    """The model in PyMJCF, without what an arena has an opinion of its own on."""
+    with _refusals("PyMJCF", path):
+        root = mjcf.from_xml_string(text, model_dir=str(path.parent), escape_separators=True)
     for name in list(root.compiler.get_attributes()):
-        if name not in _PLAIN:
+        if name not in _COMPILER:
             delattr(root.compiler, name)
+    for element in (root.visual, root.statistic, root.size):
+        element.remove()
+    if root.option.cone not in (None, "elliptic"):
+        root.option.cone = None  # dm_control's arenas are elliptic
+    if root.model == _UNNAMED:
+        root.model = path.stem
     return root
 
 
-def _free_joint(body: Any) -> Any | None:
-    if body.freejoint is not None:
-        return body.freejoint
-    return next((joint for joint in body.joint if joint.type == "free"), None)
+# What the compiled model tells.
 
 
-def _robot(root: Any, body: Any, free: Any | None) -> RobotFile:
-    keyframes: dict[str, FloatArray] = {}
-    poses: dict[str, tuple[FloatArray, FloatArray]] = {}
-    model = mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
-    if free is not None:
-        base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body.full_identifier)
-        first = int(model.jnt_qposadr[model.body_jntadr[base]])
-        rest = np.delete(np.arange(model.nq), np.arange(first, first + _FREE))
-    else:
-        first, rest = 0, np.arange(model.nq)
-    every = {"": model.qpos0}
-    every.update({model.key(i).name: model.key_qpos[i] for i in range(model.nkey)})
-    for name, qpos in every.items():
-        keyframes[name] = qpos[rest].copy()
-        if free is not None:
-            poses[name] = qpos[first : first + 3].copy(), qpos[first + 3 : first + _FREE].copy()
-    for key in list(root.keyframe.key):
-        # It has the size of the whole model, and would not compile beside anything that moves.
-        key.remove()
-    if free is not None:
-        free.remove()
-        # Where it stands is the arena's to say; the file's pose is kept in `poses`.
-        body.pos = [0, 0, 0]
-        for attribute in ("quat", "axisangle", "euler", "xyaxes", "zaxis"):
-            setattr(body, attribute, None)
-        # What is fixed to the file's world would be carried about by a robot that floats.
-        for kind in ("geom", "light", "camera", "site"):
-            for element in list(getattr(root.worldbody, kind)):
-                element.remove()
-    # Within an arena the file's world is a frame of its own, so nothing can refer to it any more.
-    left_out = [
-        sensor
-        for sensor in root.find_all("sensor")
-        if "world" in (getattr(sensor, "objname", None), getattr(sensor, "refname", None))
-    ]
-    names = tuple(str(sensor.name) for sensor in left_out)
-    for sensor in left_out:
-        sensor.remove()
-    if root.option.cone not in (None, "elliptic"):
-        root.option.cone = None  # dm_control's arenas are elliptic, and PyMJCF would not merge them
-    return RobotFile(
-        root=root,
-        root_body=body,
-        floating=free is not None,
-        keyframes=keyframes,
-        poses=poses,
-        left_out=names,
-    )
+def _trees(model: mujoco.MjModel) -> list[int]:
+    """The bodies that stand in the world."""
+    return [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
+
+
+def _root_body(path: Path, model: mujoco.MjModel, name: str | None) -> int:
+    """The body of that name, or the root of the tree with most hinges and slides."""
+    trees = [body for body in _trees(model) if model.body_mocapid[body] < 0]
+    if not trees:
+        raise ValueError(f"{path}: the model has no body, so there is no robot to walk")
+    if name is None:
+        scalar = [joint for joint in range(model.njnt) if model.jnt_type[joint] not in _WIDTH]
+        of_tree = np.bincount(model.body_rootid[model.jnt_bodyid[scalar]], minlength=model.nbody)
+        return max(trees, key=lambda body: (of_tree[body], _is_free(model, body)))
+    names = [model.body(body).name for body in range(1, model.nbody)]
+    if name not in names:
+        raise ValueError(
+            f"{path}: there is no body {name!r}{closest(name, names)}; use one of {listed(names)}"
+        )
+    return names.index(name) + 1
+
+
+def _free_joint(model: mujoco.MjModel, body: int) -> int | None:
+    first = int(model.body_jntadr[body])
+    return first if first >= 0 and model.jnt_type[first] == _FREE else None
+
+
+def _is_free(model: mujoco.MjModel, body: int) -> bool:
+    return _free_joint(model, body) is not None
+
+
+def _columns(model: mujoco.MjModel, joint: int) -> range:
+    """Where the position of a joint is in `qpos`."""
+    first = int(model.jnt_qposadr[joint])
+    return range(first, first + _WIDTH.get(int(model.jnt_type[joint]), 1))
+
+
+def _places(model: mujoco.MjModel, joints: list[int]) -> dict[str, int]:
+    places, place = {}, 0
+    for joint in joints:
+        name, width = model.joint(joint).name, len(_columns(model, joint))
+        if name and model.jnt_type[joint] not in _WIDTH:
+            places[_escaped(name)] = place
+        place += width
+    return places
+
+
+def _states(model: mujoco.MjModel) -> dict[str, FloatArray]:
+    """Positions of the whole file: the reference ("") and each keyframe."""
+    keys = {model.key(i).name or str(i): model.key_qpos[i].copy() for i in range(model.nkey)}
+    return {"": model.qpos0.copy(), **keys}
+
+
+def _poses(
+    model: mujoco.MjModel, top: int, free: int | None, states: Mapping[str, FloatArray]
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    if free is None:
+        pose = model.body_pos[top].copy(), model.body_quat[top].copy()
+        return dict.fromkeys(states, pose)
+    columns = list(_columns(model, free))
+    return {key: (qpos[columns[:3]], qpos[columns[3:]]) for key, qpos in states.items()}
+
+
+def _put_at_origin(body: Any) -> None:
+    body.pos, body.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+
+def _escaped(name: str) -> str:
+    """A name as PyMJCF has it."""
+    return name.replace("\\", "\\\\").replace("/", "\\")

@@ -9,10 +9,8 @@ effort) goes to `actuators.json`; see `walkerkit.gap.simulation.sidecar`.
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +21,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
+from walkerkit.walkers.xml_digits import xml_digits
 
 Field = NDArray[Any]
 Writer = Callable[[mujoco.MjSpec, Robot, Field, Field], None]  # spec, robot, before, wanted
@@ -101,30 +100,9 @@ def write_model(robot: Robot, path: Path, taken: dict[str, Path | str] | None = 
         spec.meshdir = spec.texturedir = _ASSETS
         # MuJoCo reads the files once more as it writes.
         spec.modelfiledir = str(path.parent)
-    with _more_digits():
+    with xml_digits(_DIGITS):
         text = spec.to_xml()
     path.write_text(text, encoding="utf-8")
-
-
-@contextlib.contextmanager
-def _more_digits() -> Iterator[None]:
-    """Has MuJoCo write eight digits instead of six, of which a long rollout shows the sixth.
-
-    The setting is there for MuJoCo's own tests; a version without it writes its six digits.
-    """
-    found = sorted(Path(mujoco.__file__).parent.glob("libmujoco.*"))
-    library = ctypes.CDLL(str(found[0])) if found else None
-    read = getattr(library, "_mjPRIVATE__get_xml_precision", None)
-    write = getattr(library, "_mjPRIVATE__set_xml_precision", None)
-    if read is None or write is None:
-        yield
-        return
-    digits = read()
-    write(_DIGITS)
-    try:
-        yield
-    finally:
-        write(digits)
 
 
 def _copy_asset(
