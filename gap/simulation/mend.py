@@ -72,7 +72,18 @@ def mend(trial: Trials) -> Robot:
         # is in the drive, not in the meaning of the command.
         joints=robot.joints,
         measurement=_measurement(trial),
+        laws=_laws(trial),
     )
+
+
+def _laws(trial: Trials) -> dict[str, dict[str, dict[str, float]]]:
+    """The drivetrain laws of the variant that do anything, by joint and by name."""
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for law, joint in dict.fromkeys((law, joint) for law, joint, _ in trial.laws):
+        parameters = {name: float(v[0]) for name, v in trial.law(law, joint).items()}
+        if any(parameters[name] != law.neutral[name] for name in [*parameters][: law.sizes]):
+            found.setdefault(joint, {})[law.name] = parameters
+    return found
 
 
 def write_model(robot: Robot, path: Path, taken: dict[str, Path | str] | None = None) -> None:

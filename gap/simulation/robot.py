@@ -99,6 +99,8 @@ class Robot:
         measurement: joint name to what is known of its measurement; absent means ideal.
         excursions: joint name to how far it went; absent means unknown.
         hold: what its targets are between samples, where that is known already.
+        laws: joint name to the drivetrain laws that it has beside the model, by name, each with its
+            parameters.
     """
 
     source: str
@@ -108,6 +110,7 @@ class Robot:
     measurement: Mapping[str, Measurement] = field(default_factory=dict)
     excursions: Mapping[str, Excursion] = field(default_factory=dict)
     hold: Literal["zero_order", "linear"] | None = None
+    laws: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
 
     @property
     def path(self) -> Path | None:

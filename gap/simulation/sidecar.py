@@ -14,6 +14,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from walkerkit.actuators.drivetrain import LAWS
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
 
@@ -48,7 +49,9 @@ def with_sidecar(robot: Robot, model_path: Path) -> Robot:
         entry = json.loads(path.read_text(encoding="utf-8"))["models"].get(model_path.name)
         if entry is None:
             return robot
-        robot.check_joints([*entry["command"], *entry["measurement"]], str(path))
+        robot.check_joints(
+            [*entry["command"], *entry["measurement"], *entry.get("laws", {})], str(path)
+        )
         return replace(
             robot,
             hold=entry["hold"],
@@ -56,6 +59,10 @@ def with_sidecar(robot: Robot, model_path: Path) -> Robot:
             measurement={
                 name: Measurement(**{key: _finite(number) for key, number in values.items()})
                 for name, values in entry["measurement"].items()
+            },
+            laws={
+                joint: {law: _parameters(law, values) for law, values in laws.items()}
+                for joint, laws in entry.get("laws", {}).items()
             },
         )
     except InputError:
@@ -81,7 +88,15 @@ def _entry(robot: Robot) -> dict[str, Any]:
             for name, measured in robot.measurement.items()
             if measured != Measurement()
         },
+        "laws": {joint: dict(laws) for joint, laws in robot.laws.items()},
     }
+
+
+def _parameters(law: str, values: Mapping[str, Any]) -> dict[str, float]:
+    names = LAWS[law].parameter_names()
+    if sorted(values) != sorted(names):
+        raise ValueError(f"{law} has the parameters {list(names)}, not {list(values)}")
+    return {name: _finite(values[name]) for name in names}
 
 
 def _commanded(joint: Joint, command: Mapping[str, Any]) -> Joint:

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drive import Drive
-from walkerkit.actuators.drivetrain.bank import LawBank
-from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
+from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw, LawBank, Step
 from walkerkit.gap.simulation.robot import Joint
 from walkerkit.gap.simulation.trials import Trials
 from walkerkit.walkers.batch import LockStep, Rollout
@@ -26,7 +25,9 @@ FloatArray = NDArray[np.float64]
 DRIVE_FIELDS = (
     "actuator_gear",
     "actuator_gainprm",
+    "actuator_biastype",
     "actuator_biasprm",
+    "actuator_forcelimited",
     "actuator_forcerange",
 )
 _AFFINE = int(mujoco.mjtBias.mjBIAS_AFFINE)
@@ -66,10 +67,10 @@ class DriveForces:
 
         self._gear = field("actuator_gear")[:, outputs, 0]
         self._gain = field("actuator_gainprm")[:, ids, 0]
-        affine = model.actuator_biastype[ids] == _AFFINE
-        self._bias = np.where(affine[:, None], field("actuator_biasprm")[:, ids, :3], 0.0)
-        limited = model.actuator_forcelimited[ids].astype(bool)[:, None]
-        self._limits = np.where(limited, field("actuator_forcerange")[:, ids], [[-np.inf, np.inf]])
+        affine = field("actuator_biastype")[:, ids, None] == _AFFINE
+        self._bias = np.where(affine, field("actuator_biasprm")[:, ids, :3], 0.0)
+        limited = field("actuator_forcelimited")[:, ids, None] != 0
+        self._limits = np.where(limited, field("actuator_forcerange")[:, ids], [-np.inf, np.inf])
         controlled = model.actuator_ctrllimited[self.ctrl].astype(bool)[:, None]
         self._ctrl_limits = np.where(
             controlled, model.actuator_ctrlrange[self.ctrl], [[-np.inf, np.inf]]
@@ -123,7 +124,10 @@ def law_arguments(
             of_law[name][:, names.index(joint)] = np.repeat(values, n_segments)
     return {
         "forces": DriveForces(model, joints, repeated, n_sims),
-        "bank": LawBank(list(parameters.items()), (n_sims, len(joints))),
+        "bank": LawBank(
+            [(law, parameters[law]) for law in LAWS.values() if law in parameters],
+            (n_sims, len(joints)),
+        ),
     }
 
 

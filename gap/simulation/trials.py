@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain.law import DrivetrainLaw
+from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw
 from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
@@ -49,7 +49,12 @@ class Trials:
         self.effort_scale = {j: np.full(n, known[j].effort_scale) for j in known}
         self.effort_offset = {j: np.full(n, known[j].effort_offset) for j in known}
         self.fields: dict[str, NDArray[Any]] = {}
-        self.laws: dict[tuple[type[DrivetrainLaw], str, str], FloatArray] = {}
+        self.laws: dict[tuple[type[DrivetrainLaw], str, str], FloatArray] = {
+            (LAWS[law], joint, name): np.full(n, value)
+            for joint, laws in robot.laws.items()
+            for law, parameters in laws.items()
+            for name, value in parameters.items()
+        }
 
     def field(self, name: str) -> NDArray[Any]:
         """The (n, *shape) values of a model field, or of an `opt.` field, to write to."""
