@@ -220,6 +220,9 @@ class Actuator(abc.ABC):
     ) -> FloatArray:
         """`compute` on targets that were checked before."""
 
+    def look(self) -> None:  # noqa: B027  only what holds has to
+        """Stands in for `control` before a step at which its control holds: efforts go on."""
+
     @abc.abstractmethod
     def _reset(self, rows: Rows, random_state: Random | None) -> None:
         """`reset`, with the ids checked."""

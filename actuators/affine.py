@@ -76,6 +76,7 @@ class AffineActuator(NativeActuator):
         self._now = {name: values.copy() for name, values in self._own0.items()}
         first = np.asarray(model.actuator_actadr[ids], dtype=np.intp)
         self._filtered, self._act_ids = first >= 0, np.maximum(first, 0)
+        self._any_filtered = bool(self._filtered.any())
         self._act = np.zeros(self.shape)
         self._actrange = _range(model.actuator_actlimited, model.actuator_actrange, ids)
         self._share = _share_of_next_activation(model, ids)
@@ -102,10 +103,12 @@ class AffineActuator(NativeActuator):
             if velocity is not None:
                 control += self._now["damping"] * velocity
             return control
-        if self._filtered.any():
-            self._act = self.simulation.state("act")[..., self._act_ids]
         target = {"position": position, "velocity": velocity, "effort": effort}[self._kind]
         return np.asarray(self._slope * np.asarray(target) + self._offset)
+
+    def _look(self) -> None:
+        if self._any_filtered:
+            self._act = self.simulation.state("act")[..., self._act_ids]
 
     # Parameters.
 
@@ -192,7 +195,7 @@ class AffineActuator(NativeActuator):
         """Force of each actuator before and after its limits, in its own units."""
         gain, bias, limits = self._law()
         control = np.clip(self._arriving, self._ctrlrange[:, 0], self._ctrlrange[:, 1])
-        if self._filtered.any():
+        if self._any_filtered:
             act = self._act + self._share * (control - self._act)
             act = np.clip(act, self._actrange[:, 0], self._actrange[:, 1])
             control = np.where(self._filtered, act, control)

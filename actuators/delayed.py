@@ -171,6 +171,10 @@ class DelayedActuator(Actuator):
             effort_target = lines["effort"].push(effort_target)
         return self.base.control(position_target, velocity_target, effort_target)
 
+    def look(self) -> None:
+        """As in `Actuator`."""
+        self.base.look()
+
     # What it is: its base, later.
 
     def lag(self, target: str) -> IntArray:

@@ -164,7 +164,9 @@ class ActuatorGroup:
         again = cmd is self._last
         parts = self._split(cmd)
         for actuator, part, at in zip(self.actuators, parts, self._ctrl_at, strict=True):
-            if not (again and actuator.holds):
+            if again and actuator.holds:
+                actuator.look()
+            else:
                 self._ctrl[..., at] = actuator.compute(part)
 
     def _split(self, cmd: ActuatorCmd) -> tuple[ActuatorCmd, ...]:
@@ -224,7 +226,7 @@ class ActuatorGroup:
 
     @property
     def computed_effort(self) -> FloatArray:
-        """What each law asked for when it was last computed, before any limit [N·m; N]."""
+        """What the laws asked for in the last step, before any limit [N·m; N]."""
         return self._gather([actuator.computed_effort for actuator in self.actuators])
 
     @property

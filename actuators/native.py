@@ -30,6 +30,7 @@ class NativeActuator(TargetedActuator):
         self._started: NDArray[np.bool_] = np.zeros(0, dtype=bool)
         self._all_started = True
         self._changed = False
+        self._control: FloatArray = np.zeros(0)
         self._arriving: FloatArray = np.zeros(0)
         self._q: FloatArray = np.zeros(0)
         self._qd: FloatArray = np.zeros(0)
@@ -56,7 +57,7 @@ class NativeActuator(TargetedActuator):
         return {"nsample": self._lag, "delay": self._lag * timestep, "interp": "zoh"}
 
     def _bind(self) -> None:
-        self._arriving = np.zeros(self.shape)
+        self._control = self._arriving = np.zeros(self.shape)
         self._q, self._qd = np.zeros(self.shape), np.zeros(self.shape)
         self._started = np.zeros((*self.simulation.batch_shape, 1), dtype=bool)
         self._all_started = not self._lag
@@ -87,12 +88,20 @@ class NativeActuator(TargetedActuator):
             )
             self._started[...] = True
             self._all_started = True
-        # What efforts are read from later, when the physics may have gone on.
-        self._arriving = control if not self._lag else self._oldest()
+        self._control = control
         self._changed = False
+        self.look()
+        return control
+
+    def look(self) -> None:
+        """Keeps what efforts are read from later, when the physics may have gone on."""
+        self._arriving = self._oldest() if self._lag else self._control
         q, qd = self.state()
         self._q, self._qd = q.copy(), qd.copy()
-        return control
+        self._look()
+
+    def _look(self) -> None:
+        """Keeps what else the law depends on."""
 
     def _reset(self, rows: Rows, random_state: Random | None) -> None:
         del random_state

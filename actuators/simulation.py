@@ -64,11 +64,18 @@ class Simulation:
     def state(self, name: str) -> FloatArray:
         """A field of MjData, (..., *shape), live.
 
+        What MuJoCo derives from the state, as `ten_length`, is in a batch that of its last call:
+        step it with `stage=mjSTAGE_VEL`, and call `forward` after a reset, where that is used.
+
         Args:
             name: for instance `qpos`, `qvel`, `ctrl`, `actuator_length`.
         """
         if self._batch is not None:
-            return np.asarray(self._batch.bind(name))
+            array = np.asarray(self._batch.bind(name))
+            if not array.flags.writeable:
+                # Derived, and zero until the next call.
+                self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
+            return array
         return np.asarray(getattr(self._data, name))
 
     def parameter(self, name: str) -> FloatArray:

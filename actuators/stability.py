@@ -9,10 +9,9 @@ has both roots inside the unit circle (Jury's criterion) just when
 
     kd < 2 I/h    and    h² kp/I < 4 − 2 h kd/I,
 
-the second of which is h ω < −2ζ + 2 √(ζ² + 1) with ω² = kp/I and ζ = kd/(2 I ω). Damping that
-MuJoCo itself integrates implicitly adds h·damping to the inertia. MuJoCo's own actuators are no
-better off under the Euler integrator; under the implicit ones these bounds are not theirs
-(`python -m benchmarks integrators`).
+the second of which is h ω < −2ζ + 2 √(ζ² + 1) with ω² = kp/I and ζ = kd/(2 I ω). Damping b of the
+joint itself, which MuJoCo integrates implicitly, puts I + h b for I and kd + b for kd, so that kd
+may be larger by b.
 """
 
 from __future__ import annotations
@@ -85,14 +84,15 @@ def unstable_gains(
     """
     timestep = float(model.opt.timestep)
     own = model.dof_damping[dofs]
-    inertia = joint_inertia(model, dofs) + timestep * own
-    most_damping, most_stiffness = stability_bounds(inertia, timestep, damping + own)
-    most_damping = most_damping - own
+    inertia = joint_inertia(model, dofs)
+    most_damping, most_stiffness = stability_bounds(inertia, timestep, damping - own)
+    most_damping = most_damping + own
     problems = []
     for i, name in enumerate(names):
         kp, kd = float(stiffness[i]), float(damping[i])
         if kd >= most_damping[i]:
-            what = f"damping {kd:g} is beyond {most_damping[i]:.3g} = 2 I/h"
+            also = f" + {own[i]:g} (the joint's own)" if own[i] else ""
+            what = f"damping {kd:g} is beyond {most_damping[i]:.3g} = 2 I/h{also}"
         elif kp >= most_stiffness[i]:
             what = f"stiffness {kp:g} is beyond {most_stiffness[i]:.3g} beside damping {kd:g}"
         else:
