@@ -3,16 +3,30 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from walkerkit.walkers.biped import BIPED_XML as BIPED_XML
+    from walkerkit.walkers.biped import Biped as Biped
+    from walkerkit.walkers.gait import Trot as Trot
     from walkerkit.walkers.leg import LEG_XML as LEG_XML
     from walkerkit.walkers.leg import Leg as Leg
     from walkerkit.walkers.mjcf_walker import MjcfWalker as MjcfWalker
+    from walkerkit.walkers.quadruped import QUADRUPED_XML as QUADRUPED_XML
+    from walkerkit.walkers.quadruped import Quadruped as Quadruped
+    from walkerkit.walkers.servo_bench import SERVO_BENCH_XML as SERVO_BENCH_XML
+    from walkerkit.walkers.servo_bench import ServoBench as ServoBench
     from walkerkit.walkers.with_actuators import with_actuators as with_actuators
 
 # dm_control looks for a display as soon as it is imported, so it waits for who asks for a walker.
 _LAZY = {
+    "BIPED_XML": "biped",
+    "Biped": "biped",
     "LEG_XML": "leg",
     "Leg": "leg",
     "MjcfWalker": "mjcf_walker",
+    "QUADRUPED_XML": "quadruped",
+    "Quadruped": "quadruped",
+    "SERVO_BENCH_XML": "servo_bench",
+    "ServoBench": "servo_bench",
+    "Trot": "gait",
     "with_actuators": "with_actuators",
 }
 

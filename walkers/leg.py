@@ -3,9 +3,10 @@
     from dm_control import composer
     from walkerkit.walkers import LEG_XML, Leg
 
-    environment = composer.Environment(composer.NullTask(Leg()))
+    leg = Leg()
+    environment = composer.Environment(composer.NullTask(leg))
     environment.reset()
-    environment.step(environment.action_spec().minimum)
+    environment.step(leg.action_for())  # holds home
 
 Three hinges, `hip` (abduction), `thigh` and `calf`, each under a position servo of the same name.
 The leg touches nothing, so that joint logs speak of the drives alone. `LEG_XML` is the same robot
@@ -14,131 +15,65 @@ as a plain MJCF file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from dm_control import composer, mjcf
-from dm_control.composer.observation import observable
-from dm_control.locomotion.walkers import base
-from numpy.typing import NDArray
+from walkerkit.actuators import ActuatorCfg, IdealPdActuatorCfg, XmlPositionActuatorCfg
+from walkerkit.walkers.actions import ActionTerm
+from walkerkit.walkers.drivetrain import Randomization
+from walkerkit.walkers.mjcf_walker import MjcfWalker
+from walkerkit.walkers.reading import read_robot
+from walkerkit.walkers.servos import choose
 
 LEG_XML: Final = Path(__file__).parent / "assets" / "leg.xml"
 """Path of the leg's plain MJCF."""
 
-
-class LegObservables(base.WalkerObservables):  # type: ignore[misc]
-    """What the leg's encoders and the base's inertial unit read."""
-
-    @composer.observable  # type: ignore[untyped-decorator]
-    def joints_vel(self) -> Any:
-        """Joint velocities, shape (3,), rad/s."""
-        return observable.MJCFFeature("qvel", self._entity.observable_joints)
-
-    @property
-    def proprioception(self) -> list[Any]:
-        """Joint positions and velocities, then those of whatever is attached."""
-        return [
-            self.joints_pos,
-            self.joints_vel,
-            *self._collect_from_attachments("proprioception"),
-        ]
+# The servos of the file, whose controls are targets in radians.
+_SERVOS: Final = XmlPositionActuatorCfg(joint_names_expr=("hip", "thigh", "calf"))
+_DRIVES: Final = (
+    IdealPdActuatorCfg(
+        joint_names_expr=_SERVOS.joint_names_expr, stiffness=60.0, damping=3.0, effort_limit=30.0
+    ),
+)
 
 
-class Leg(base.Walker):  # type: ignore[misc]
-    """A three-joint leg on a fixed base; an action holds the joints' position targets [rad]."""
+class Leg(MjcfWalker):
+    """A three-joint leg on a fixed base."""
 
-    def _build(self, name: str = "leg") -> None:
-        """Loads the leg.
+    def _build(  # type: ignore[override]
+        self,
+        name: str = "leg",
+        actuators: ActuatorCfg | Iterable[ActuatorCfg] | None = None,
+        position_controlled: bool = False,
+        action: ActionTerm | Sequence[ActionTerm] | None = None,
+        randomizations: Sequence[Randomization] = (),
+    ) -> None:
+        """Builds the leg.
 
         Args:
-            name: the walker's name, its prefix where it is attached.
+            name: its name, its prefix where it is attached.
+            actuators: configs of its actuators; by default the file's position servos.
+            position_controlled: replace the file's servos, whose controls are in radians, by ones
+                with the same gains whose controls in [-1, 1] span the joints' ranges.
+            action: action terms; by default an action in [-1, 1] spans the joints' ranges.
+            randomizations: what changes the actuators at the start of each episode.
         """
-        self._mjcf_root = mjcf.from_path(str(LEG_XML))
-        self._mjcf_root.model = name
-        # A keyframe has the size of the whole model and would not compile once the leg is attached
-        # beside anything else that moves, so the pose is kept here instead.
-        home = self._mjcf_root.keyframe.key["home"]
-        self._home: NDArray[np.float64] = np.array(home.qpos, dtype=float)
-        self._home.flags.writeable = False
-        home.remove()
-        self._joints = tuple(self._mjcf_root.find_all("joint"))
-        self._actuators = tuple(self._mjcf_root.find_all("actuator"))
-
-    def _build_observables(self) -> LegObservables:
-        return LegObservables(self)
-
-    def create_root_joints(self, attachment_frame: Any) -> None:
-        """Adds no joint: the base stays where it is attached.
-
-        Args:
-            attachment_frame: the frame that `arena.attach(leg)` returned.
-        """
-
-    def initialize_episode(self, physics: Any, random_state: np.random.RandomState) -> None:
-        """Puts the leg in its home pose, at rest, with the servos told to hold it.
-
-        Args:
-            physics: the compiled model.
-            random_state: unused, home is always the same.
-        """
-        self.reinitialize_pose(physics, random_state)
-
-    def reinitialize_pose(self, physics: Any, random_state: np.random.RandomState) -> None:
-        """Does what `initialize_episode` does; dm_control's tasks call it by this name.
-
-        Args:
-            physics: the compiled model.
-            random_state: unused, home is always the same.
-        """
-        del random_state
-        joints = physics.bind(self._joints)
-        joints.qpos = self._home
-        joints.qvel = 0.0
-        physics.bind(self._actuators).ctrl = self._home
+        robot = read_robot(LEG_XML)
+        if position_controlled:
+            for servo in robot.root.find_all("actuator"):
+                servo.remove()
+        elif actuators is None:
+            actuators = _SERVOS
+        super()._build(
+            robot,
+            actuators=choose(robot.root, _DRIVES, actuators, position_controlled),
+            name=name,
+            action=action,
+            randomizations=randomizations,
+        )
 
     @property
-    def home(self) -> NDArray[np.float64]:
-        """Joint positions at the start of an episode, shape (3,), rad, read-only."""
-        return self._home
-
-    @property
-    def upright_pose(self) -> base.WalkerPose:
-        """The home pose as dm_control's tasks ask for it."""
-        return base.WalkerPose(qpos=self._home)
-
-    @property
-    def mjcf_model(self) -> mjcf.RootElement:
-        """The root of the leg's MJCF."""
-        return self._mjcf_root
-
-    @property
-    def root_body(self) -> mjcf.Element:
-        """The fixed base."""
-        return self._mjcf_root.find("body", "base")
-
-    @property
-    def observable_joints(self) -> Sequence[mjcf.Element]:
-        """The joints `hip`, `thigh` and `calf`."""
-        return self._joints
-
-    @property
-    def actuators(self) -> Sequence[mjcf.Element]:
-        """The position servos, in the joints' order and with their names."""
-        return self._actuators
-
-    @property
-    def end_effectors(self) -> Sequence[mjcf.Element]:
-        """The body that carries the foot."""
-        return (self._mjcf_root.find("body", "calf"),)
-
-    @property
-    def foot(self) -> mjcf.Element:
+    def foot(self) -> Any:
         """The site at the foot's centre."""
         return self._mjcf_root.find("site", "foot")
-
-    @property
-    def egocentric_camera(self) -> mjcf.Element:
-        """A camera at the front of the base that looks ahead."""
-        return self._mjcf_root.find("camera", "egocentric")

@@ -4,9 +4,9 @@ import sys
 import mujoco
 import numpy as np
 import pytest
-from dm_control import composer
-from dm_control.locomotion.arenas import floors
 
+from tests.walkers.floor import on_floor
+from walkerkit.actuators import ActuatorCmd
 from walkerkit.walkers import LEG_XML, Leg
 
 NAMES = ["hip", "thigh", "calf"]
@@ -66,15 +66,14 @@ def test_servos_step_without_overshoot_and_sag_visibly(model, joint):
 
 class TestWalker:
     @pytest.fixture
-    def environment(self):
+    def leg(self):
         leg = Leg()
-        leg.observables.enable_all()
-        return composer.Environment(
-            composer.NullTask(leg), random_state=0, strip_singleton_obs_buffer_dim=True
-        )
+        for name in ("joints_pos", "joints_vel", "position_target"):
+            getattr(leg.observables, name).enabled = True
+        return leg
 
-    def test_starts_at_home_after_every_reset(self, environment):
-        leg = environment.task.root_entity
+    def test_starts_at_home_after_every_reset(self, leg):
+        environment = on_floor(leg)
         for _ in range(2):
             environment.reset()
             joints = environment.physics.bind(leg.observable_joints)
@@ -82,28 +81,34 @@ class TestWalker:
             np.testing.assert_array_equal(joints.qvel, 0)
             np.testing.assert_array_equal(environment.physics.data.ctrl, leg.home)
             for _ in range(10):
-                environment.step(leg.home + 0.1)
+                environment.step(leg.action_for(ActuatorCmd(position_target=leg.home + 0.1)))
+            assert np.abs(joints.qpos - leg.home).max() > 0.05
 
-    def test_runs_the_plain_model_s_dynamics(self, environment, model):
-        leg = environment.task.root_entity
-        environment.task.set_timesteps(control_timestep=0.001, physics_timestep=0.001)
-        environment.reset()
+    def test_runs_the_plain_model_s_dynamics(self, leg, model):
+        environment = on_floor(leg, control_timestep=0.001, physics_timestep=0.001)
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, 0)
         for k in range(100):
-            action = leg.home + 0.2 * np.sin(0.05 * k)
-            observed = environment.step(action).observation
-            data.ctrl[:] = action
+            target = leg.home + 0.2 * np.sin(0.05 * k)
+            step = environment.step(leg.action_for(ActuatorCmd(position_target=target)))
+            data.ctrl[:] = target
             mujoco.mj_step(model, data)
         np.testing.assert_allclose(environment.physics.data.qpos, data.qpos, atol=1e-12)
-        np.testing.assert_allclose(observed["joints_pos"], data.qpos, atol=1e-12)
-        np.testing.assert_allclose(observed["joints_vel"], data.qvel, atol=1e-10)
+        np.testing.assert_allclose(step.observation["leg/joints_pos"], data.qpos, atol=1e-12)
+        np.testing.assert_allclose(step.observation["leg/joints_vel"], data.qvel, atol=1e-10)
+        np.testing.assert_allclose(step.observation["leg/position_target"], target, atol=1e-12)
 
-    def test_action_spec_is_the_joints_ranges(self, environment, model):
-        spec = environment.action_spec()
-        np.testing.assert_array_equal(spec.minimum, model.jnt_range[:, 0])
-        np.testing.assert_array_equal(spec.maximum, model.jnt_range[:, 1])
+    def test_actions_span_the_joints_ranges(self, leg, model):
+        spec = leg.action_spec
+        np.testing.assert_array_equal(spec.minimum, [-1.0] * 3)
+        np.testing.assert_array_equal(spec.maximum, [1.0] * 3)
         assert spec.name.split("\t") == NAMES
+        environment = on_floor(leg)
+        for end, column in ((-1.0, 0), (1.0, 1), (2.0, 1)):
+            environment.step(np.full(3, end))
+            np.testing.assert_allclose(
+                environment.physics.data.ctrl, model.jnt_range[:, column], atol=1e-12
+            )
 
     def test_members_that_tasks_look_for(self):
         leg = Leg(name="left")
@@ -120,22 +125,17 @@ class TestWalker:
 
 
 def test_two_legs_hang_in_one_arena_and_stay_there():
-    arena = floors.Floor()
     legs = [Leg(name="left"), Leg(name="right")]
-    for leg in legs:
-        leg.create_root_joints(arena.attach(leg))
-    environment = composer.Environment(composer.NullTask(arena), random_state=0)
-    environment.reset()
+    environment = on_floor(*legs, positions=[[0, 0, 0], [0, 1, 0]])
     physics = environment.physics
     assert physics.model.nv == 6
-    for leg in legs:
+    for leg, side in zip(legs, (0.0, 1.0), strict=True):
         leg.reinitialize_pose(physics, np.random.RandomState(0))
-    start = physics.bind(legs[1].root_body).xpos.copy()
-    for leg in legs:
-        leg.apply_action(physics, leg.home, None)
-    physics.step(100)
-    np.testing.assert_array_equal(physics.bind(legs[1].root_body).xpos, start)
-    for leg in legs:
+        np.testing.assert_allclose(physics.bind(leg.root_body).xpos, [0, side, 0.6])
+    for _ in range(10):
+        environment.step(np.concatenate([leg.action_for() for leg in legs]))
+    for leg, side in zip(legs, (0.0, 1.0), strict=True):
+        np.testing.assert_allclose(physics.bind(leg.root_body).xpos, [0, side, 0.6])
         np.testing.assert_allclose(physics.bind(leg.observable_joints).qpos, leg.home, atol=0.05)
 
 
