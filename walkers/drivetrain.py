@@ -13,7 +13,7 @@ It knows neither walkers nor tasks: composer walkers and the physics of suite ta
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import mujoco
 import numpy as np
@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators import ActuatorCfg, ActuatorCmd, ActuatorGroup
 from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.drivetrain import DrivetrainLaw, LawRunner
 from walkerkit.actuators.selection import select
 from walkerkit.actuators.simulation import Simulation
 from walkerkit.actuators.targeted import actuators_of, candidates, element_ids
@@ -56,6 +57,7 @@ class Drivetrain:
         default: {joint: position} of the default pose [rad; m]; others are at their reference.
         existing: `replace` the actuators that the joints have already, or `keep` them, which makes
             a second one for the same joint an error.
+        laws: drivetrain laws of its joints (`walkerkit.actuators.drivetrain`).
         randomizations: applied at the start of each episode.
 
     Attributes:
@@ -79,8 +81,11 @@ class Drivetrain:
         action: ActionTerm | Sequence[ActionTerm] | None = None,
         default: Mapping[str, float] | None = None,
         existing: Existing = "replace",
+        laws: Sequence[DrivetrainLaw] = (),
         randomizations: Sequence[Randomization] = (),
     ):
+        if existing not in get_args(Existing):
+            raise ValueError(f"existing should be one of {get_args(Existing)}, got {existing!r}")
         self.group = ActuatorGroup(cfgs)
         if existing == "replace":
             _remove_claimed(root, self.group)
@@ -92,6 +97,7 @@ class Drivetrain:
         )
         self._root = root
         self._randomizations = tuple(randomizations)
+        self._laws = LawRunner(laws) if laws else None
         self.joints, self._kept_ranges = _survey(root, self.group, self.kept, default or {})
         terms = (FullRangeAction(),) if action is None else action
         self._commander = Commander(terms if isinstance(terms, Sequence) else (terms,), self.joints)
@@ -109,6 +115,8 @@ class Drivetrain:
             physics: what `Simulation.of` takes.
         """
         self.group.initialize(physics)
+        if self._laws is not None:
+            self._laws.initialize(self.group)
         self._ctrl = self.group.simulation.state("ctrl")
         model = Simulation.of(physics).model
         ids = element_ids(model, self.kept, mujoco.mjtObj.mjOBJ_ACTUATOR, self._root)
@@ -128,6 +136,8 @@ class Drivetrain:
         # Observations of the first step see forces that belong to the pose.
         self.group.apply(self.command)
         self.group.reset(random_state=random_state)
+        if self._laws is not None:
+            self._laws.reset()
 
     def act(self, action: ArrayLike) -> None:
         """Sets the command, and the controls that were kept, for the coming physics steps.
@@ -149,7 +159,10 @@ class Drivetrain:
 
     def run(self) -> None:
         """Runs the actuators' laws for the next physics step."""
-        self.group.apply(self.command)
+        if self._laws is not None:
+            self._laws.apply(self.command)
+        else:
+            self.group.apply(self.command)
 
     def action_for(self, cmd: ActuatorCmd | None = None) -> FloatArray:
         """The action that asks for a command, as a policy in physical units needs it.

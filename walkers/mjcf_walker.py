@@ -152,6 +152,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         end_effectors: Sequence[str] | None = None,
         floating: bool | None = None,
         randomizations: Sequence[Randomization] = (),
+        initializer: initializers.WalkerInitializer | None = None,
     ) -> MjcfWalker:
         """A walker from a robot file.
 
@@ -174,6 +175,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
                 those without children.
             floating: whether it gets a free joint in an arena; by default as in the file.
             randomizations: what changes its actuators at the start of each episode.
+            initializer: dm_control's, for another pose at the start than the one of `home`.
 
         Raises:
             FileNotFoundError: there is no such file.
@@ -189,6 +191,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             joints=joints,
             end_effectors=end_effectors,
             randomizations=randomizations,
+            initializer=initializer,
         )
 
     # Building.

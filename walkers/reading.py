@@ -104,12 +104,18 @@ def read_robot(
     for body in (chosen, top):
         bodies[body].name = bodies[body].name or "root_body"
     name = _escaped(bodies[chosen].name)
+    free_joints = [joint for joint in spec.joints if joint.id == free]
     left_out = leave_out(spec, [bodies[body] for body in sorted(scene)], world=alone)
     if alone:
         # Where it stands is the arena's to say; the file's word on it is kept in `poses`.
-        for joint in [joint for joint in bodies[top].joints if joint.id == free]:
+        for joint in free_joints:
             spec.delete(joint)
         _put_at_origin(bodies[top])
+    for flex in spec.flexes:
+        raise ValueError(
+            f"{path}: the flexible body {flex.name!r} cannot be attached to an arena: PyMJCF does "
+            "not rename what it refers to; take it out of the file"
+        )
     spec.modelname = spec.modelname.replace("/", "_")
     with _refusals("MuJoCo", path):
         text = written(spec)

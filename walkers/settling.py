@@ -53,13 +53,35 @@ def settled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
         # By default the links of fixed joints lose their bodies, and so does the base its mass.
         spec.compiler.fusestatic = False
     model = spec.compile()
-    if spec.frames or spec.compiler.settotalmass > 0:
-        # PyMJCF knows no frames, and what is left of a scene would be scaled anew.
+    compiler = spec.compiler
+    if max(compiler.settotalmass, compiler.boundmass, compiler.boundinertia) > 0:
+        # They would be lost, or do something else to what is left of a scene.
+        for body in spec.bodies:
+            if body.id:
+                state_inertia(body, model)
+        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        compiler.settotalmass, compiler.boundmass, compiler.boundinertia = -1, 0, 0
+        model = spec.compile()
+    if spec.frames:
         spec = mujoco.MjSpec.from_string(written(spec))
         spec.modelfiledir = str(path.parent)
         _dissolve_frames(spec)
         model = spec.compile()
     return spec, model
+
+
+def state_inertia(body: Any, model: mujoco.MjModel) -> None:
+    """Has a body of a spec say the mass and inertia that it has in the compiled model.
+
+    Args:
+        body: with the id that it has in the model.
+        model: compiled from its spec.
+    """
+    body.explicitinertial = True
+    body.fullinertia = np.full(6, np.nan)
+    body.mass = model.body_mass[body.id]
+    body.ipos, body.iquat = model.body_ipos[body.id], model.body_iquat[body.id]
+    body.inertia = model.body_inertia[body.id]
 
 
 def written(spec: mujoco.MjSpec) -> str:
@@ -143,7 +165,7 @@ def _dissolve_frames(spec: mujoco.MjSpec) -> None:
             frame = frame.frame
     for frame in spec.frames:
         # One that does nothing is not written.
-        frame.name, frame.childclass = "", None
+        frame.name = frame.childclass = ""
         frame.pos, frame.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
 
 

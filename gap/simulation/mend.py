@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
+from walkerkit.walkers.settling import state_inertia
 from walkerkit.walkers.xml_digits import xml_digits
 
 Field = NDArray[Any]
@@ -206,7 +207,7 @@ def _actuator_writer(name: str) -> Writer:
 
 
 def _write_mass(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
-    model, compiler = robot.model, spec.compiler
+    compiler = spec.compiler
     bodies = np.flatnonzero(wanted != before)
     always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     if compiler.inertiafromgeom == always or compiler.settotalmass > 0:
@@ -216,11 +217,8 @@ def _write_mass(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field)
         bodies = np.flatnonzero(before)
     for body in bodies:
         element = _by_id(spec.bodies, int(body))
-        element.explicitinertial = True
-        element.fullinertia = np.full(6, np.nan)
+        state_inertia(element, robot.model)
         element.mass = wanted[body]
-        element.ipos, element.iquat = model.body_ipos[body], model.body_iquat[body]
-        element.inertia = model.body_inertia[body]
 
 
 def _write_gravity(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
