@@ -6,7 +6,8 @@
     print(d)                 # verdict, where, what, how sure, the gap before and after
     d.save("out")            # diagnosis.json, report.html, model.xml, actuators.json
 
-`gap.compare` measures the gap and says where it is; `gap.Recording` is a log.
+`gap.compare` measures the gap and says where it is; `gap.Recording` is a log;
+`gap.record` runs a simulated robot and returns the log that a real one would leave.
 """
 
 import importlib
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from walkerkit.gap.errors import InputError
 
 if TYPE_CHECKING:
+    from walkerkit.gap.recorder import record
     from walkerkit.gap.recordings.recording import Recording
     from walkerkit.gap.report.diagnosis import Diagnosis
     from walkerkit.gap.report.result import Result
@@ -27,9 +29,10 @@ _HOMES = {
     "Result": "report.result",
     "compare": "workflow",
     "diagnose": "workflow",
+    "record": "recorder",
 }
 
-__all__ = ["Diagnosis", "InputError", "Recording", "Result", "compare", "diagnose"]
+__all__ = ["Diagnosis", "InputError", "Recording", "Result", "compare", "diagnose", "record"]
 
 
 def __getattr__(name: str) -> Any:

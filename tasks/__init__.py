@@ -1,1 +1,56 @@
-"""Tasks and excitation experiments."""
+"""Tasks, action terms and excitation experiments.
+
+    from walkerkit.tasks import JointPositionAction, Stand, TrackJoints, TrackVelocity, suite
+
+Rewards are in [0, 1], tasks end on falls, and `suite.load` makes dm_control's suite tasks, and ours
+beside them, with actuators whose laws run before every physics step.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from walkerkit.tasks import suite
+    from walkerkit.tasks.falls import FallLimits
+    from walkerkit.tasks.stand import Stand
+    from walkerkit.tasks.track_joints import TrackJoints
+    from walkerkit.tasks.track_velocity import TrackVelocity
+    from walkerkit.walkers.actions import (
+        FullRangeAction,
+        JointEffortAction,
+        JointPositionAction,
+        JointVelocityAction,
+    )
+
+# dm_control looks for a display as soon as it is imported, so it waits for who asks for a task.
+_HOMES = {
+    "FallLimits": "tasks.falls",
+    "FullRangeAction": "walkers.actions",
+    "JointEffortAction": "walkers.actions",
+    "JointPositionAction": "walkers.actions",
+    "JointVelocityAction": "walkers.actions",
+    "Stand": "tasks.stand",
+    "TrackJoints": "tasks.track_joints",
+    "TrackVelocity": "tasks.track_velocity",
+}
+
+__all__ = [
+    "FallLimits",
+    "FullRangeAction",
+    "JointEffortAction",
+    "JointPositionAction",
+    "JointVelocityAction",
+    "Stand",
+    "TrackJoints",
+    "TrackVelocity",
+    "suite",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Imports what is asked for when it is first asked for."""
+    if name == "suite":
+        return importlib.import_module("walkerkit.tasks.suite")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"walkerkit.{_HOMES[name]}"), name)

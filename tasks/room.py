@@ -16,6 +16,28 @@ Array = NDArray[np.float64]
 FADE: Final = 1.0
 """Seconds over which a signal swells at the start and dies away at the end."""
 
+_SHARE: Final = 0.35
+"""Part of a joint's range that `room_about` takes."""
+_REACH: Final = 0.5
+"""How far it goes to either side where a joint has no range, rad (m for slide joints)."""
+
+
+def room_about(home: ArrayLike, ranges: ArrayLike) -> tuple[Array, Array]:
+    """Limits of targets around a pose, far from the ends of the joints where there are any.
+
+    Args:
+        home: the pose, shape (n_joints,), rad.
+        ranges: lower and upper position, shape (n_joints, 2), rad, infinite where there is none.
+
+    Returns:
+        Lowest and highest targets, shape (n_joints,) each, rad.
+    """
+    middle = np.asarray(home, dtype=float)
+    low, high = np.asarray(ranges, dtype=float).reshape(-1, 2).T
+    width = high - low
+    reach = np.where(np.isfinite(width), _SHARE / 2 * width, _REACH)
+    return np.maximum(low, middle - reach), np.minimum(high, middle + reach)
+
 
 class Room:
     """Sample times and the limits of every joint's target, checked.
