@@ -16,6 +16,7 @@ from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators import ActuatorCfg, ActuatorCmd, ActuatorGroup
+from walkerkit.actuators.drivetrain import DrivetrainLaw
 from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.drivetrain import Drivetrain, Existing, Randomization
 
@@ -33,6 +34,7 @@ class Actuated:
         action: ActionTerm | Sequence[ActionTerm] | None,
         default: Mapping[str, float],
         existing: Existing,
+        laws: Sequence[DrivetrainLaw] = (),
         randomizations: Sequence[Randomization] = (),
     ) -> None:
         """Adds the actuators to the walker's model; to be called once, while it is built.
@@ -44,6 +46,7 @@ class Actuated:
             default: {joint: position} of the default pose [rad; m]; others are at their reference.
             existing: whether actuators that the joints have already are replaced, or kept, which
                 makes a second one for the same joint an error.
+            laws: drivetrain laws of its joints.
             randomizations: applied at the start of each episode.
         """
         self._drivetrain = Drivetrain(
@@ -52,6 +55,7 @@ class Actuated:
             action=action,
             default=default,
             existing=existing,
+            laws=laws,
             randomizations=randomizations,
         )
 

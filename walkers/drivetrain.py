@@ -128,6 +128,8 @@ class Drivetrain:
         Args:
             random_state: where draws come from.
         """
+        if self._laws is not None:
+            self._laws.restore()
         for randomization in self._randomizations:
             randomization.apply(self.group, random_state)
         self.command = self._commander.rest()
@@ -135,9 +137,9 @@ class Drivetrain:
         self.group.reset(random_state=random_state)
         # Observations of the first step see forces that belong to the pose.
         self.group.apply(self.command)
-        self.group.reset(random_state=random_state)
         if self._laws is not None:
             self._laws.reset()
+        self.group.reset(random_state=random_state)
 
     def act(self, action: ArrayLike) -> None:
         """Sets the command, and the controls that were kept, for the coming physics steps.

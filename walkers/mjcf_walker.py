@@ -22,6 +22,7 @@ from dm_control.locomotion.walkers import base, initializers, legacy_base
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators import ActuatorCfg
+from walkerkit.actuators.drivetrain import DrivetrainLaw
 from walkerkit.actuators.errors import closest, listed
 from walkerkit.actuators.selection import select
 from walkerkit.actuators.targeted import in_kinematic_order
@@ -106,6 +107,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         home: str | Mapping[str, float] | ArrayLike | None = None,
         joints: Sequence[str] | None = None,
         end_effectors: Sequence[str] | None = None,
+        laws: Sequence[DrivetrainLaw] = (),
         randomizations: Sequence[Randomization] = (),
         initializer: Any = None,
     ) -> None:
@@ -134,6 +136,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             action=action,
             default={name: float(self._upright.qpos[at]) for name, at in robot.places.items()},
             existing=existing,
+            laws=laws,
             randomizations=randomizations,
         )
 
@@ -151,6 +154,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         joints: Sequence[str] | None = None,
         end_effectors: Sequence[str] | None = None,
         floating: bool | None = None,
+        laws: Sequence[DrivetrainLaw] = (),
         randomizations: Sequence[Randomization] = (),
         initializer: initializers.WalkerInitializer | None = None,
     ) -> MjcfWalker:
@@ -174,6 +178,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             end_effectors: full-match expressions of the bodies that touch the ground; by default
                 those without children.
             floating: whether it gets a free joint in an arena; by default as in the file.
+            laws: drivetrain laws of its joints (`walkerkit.actuators.drivetrain`).
             randomizations: what changes its actuators at the start of each episode.
             initializer: dm_control's, for another pose at the start than the one of `home`.
 
@@ -190,6 +195,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             home=home,
             joints=joints,
             end_effectors=end_effectors,
+            laws=laws,
             randomizations=randomizations,
             initializer=initializer,
         )

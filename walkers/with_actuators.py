@@ -16,6 +16,7 @@ from dm_control.composer.observation import observable
 from dm_control.locomotion.walkers import base
 
 from walkerkit.actuators import ActuatorCfg
+from walkerkit.actuators.drivetrain import DrivetrainLaw
 from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.actuated import Actuated
 from walkerkit.walkers.drivetrain import Existing, Randomization
@@ -30,6 +31,7 @@ def with_actuators(
     action: ActionTerm | Sequence[ActionTerm] | None = None,
     existing: Existing = "replace",
     default: dict[str, float] | None = None,
+    laws: Sequence[DrivetrainLaw] = (),
     randomizations: Sequence[Randomization] = (),
 ) -> WalkerT:
     """Puts actuators on a walker that is not attached to an arena yet.
@@ -43,6 +45,7 @@ def with_actuators(
             an action.
         default: {joint: position} of the default pose [rad; m]; by default the walker's upright
             pose, else the reference pose.
+        laws: drivetrain laws of its joints (`walkerkit.actuators.drivetrain`).
         randomizations: what changes the actuators at the start of each episode.
 
     Returns:
@@ -67,6 +70,7 @@ def with_actuators(
         action=action,
         default=pose,
         existing=existing,
+        laws=laws,
         randomizations=randomizations,
     )
     _forget_cached(walker)

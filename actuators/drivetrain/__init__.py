@@ -36,6 +36,7 @@ from walkerkit.actuators.drivetrain.friction import (
     StribeckFriction,
 )
 from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
+from walkerkit.actuators.drivetrain.runner import LawRunner
 
 # In the order in which those of one stage act.
 _LAWS: tuple[type[DrivetrainLaw], ...] = (
@@ -72,6 +73,7 @@ __all__ = [
     "DrivetrainLaw",
     "IntegralAction",
     "LawBank",
+    "LawRunner",
     "LoadDependentFriction",
     "PoseDependentFriction",
     "PreslidingFriction",
