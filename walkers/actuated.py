@@ -110,6 +110,8 @@ class Actuated:
 
     @command.setter
     def command(self, cmd: ActuatorCmd) -> None:
+        if not isinstance(cmd, ActuatorCmd):
+            raise TypeError(f"command should be an ActuatorCmd, got {cmd!r} of type {type(cmd)}")
         self._drivetrain.command = cmd
 
     @property

@@ -39,6 +39,8 @@ from walkerkit.walkers.actions import (
 FloatArray = NDArray[np.float64]
 Existing = Literal["replace", "keep"]
 
+_DRIVEN = ("joint", "jointinparent", "tendon", "site", "cranksite", "body")
+
 
 class Randomization(Protocol):
     """Changes actuators at the start of an episode."""
@@ -101,8 +103,7 @@ class Drivetrain:
         self.joints, self._kept_ranges = _survey(root, self.group, self.kept, default or {})
         terms = (FullRangeAction(),) if action is None else action
         self._commander = Commander(terms if isinstance(terms, Sequence) else (terms,), self.joints)
-        kept_names = tuple(str(element.name) for element in self.kept)
-        self._names = (*self._commander.names, *kept_names)
+        self._names = (*self._commander.names, *map(_kept_name, self.kept))
         self._ctrl: FloatArray = np.zeros(0)
         self._kept_at: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         self.command: ActuatorCmd = self._commander.rest()
@@ -157,6 +158,7 @@ class Drivetrain:
         if self.kept:
             low, high = self._kept_ranges.T
             self._ctrl[self._kept_at] = np.clip(values[n:], low, high)
+        values.flags.writeable = False
         self.last_action = values
 
     def run(self) -> None:
@@ -195,6 +197,13 @@ class Drivetrain:
             maximum=np.concatenate([np.full(n, 1.0), self._kept_ranges[:, 1]]),
             name="\t".join(self._names),
         )
+
+
+def _kept_name(element: Any) -> str:
+    """An actuator's name, or that of what it drives."""
+    driven = (getattr(element, reference, None) for reference in _DRIVEN)
+    named = (one.name for one in (element, *driven) if one is not None and one.name)
+    return str(next(named, element.tag))
 
 
 def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> None:

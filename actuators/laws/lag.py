@@ -97,10 +97,19 @@ class DelayLine:
         self._high[at] = np.clip(high, self._low[at], self._size - 1)
 
     def reset(self, rows: IntArray | None, random_state: Random | None = None) -> None:
-        """Forgets the past and draws the lag, of all simulations or of some rows."""
+        """Forgets the past and draws the lag, of all simulations or of some rows.
+
+        Args:
+            rows: simulations; None for all.
+            random_state: where lags come from; with all simulations also those of the redraws to
+                come, so that the same source gives the same episode.
+        """
         at = ... if rows is None else rows
         drawn = self._draw(self._resets if random_state is None else random_state)
         self._lag[at] = drawn[at]
+        if rows is None and random_state is not None and self._schedule.wanders:
+            seed = np.frombuffer(random_state.bytes(16), dtype=np.uint32)
+            self._redraws = np.random.default_rng(seed)
         self._age[at] = 0
         self._fresh[at] = True
         self._any_fresh = True
