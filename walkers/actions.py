@@ -12,6 +12,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from itertools import groupby
 from typing import Any, ClassVar
 
 import numpy as np
@@ -208,7 +209,7 @@ class JointEffortAction(JointAction):
 
 
 class FullRangeAction(ActionTerm):
-    """One number per joint that spans all that the joint and its actuator can do; the default.
+    """One number per joint, in kinematic order, that spans all that the joint can do; the default.
 
     A position target where the actuator follows one, from end to end of the joint's range (±π about
     the default pose where it has none); else a velocity target within ± its no-load speed (10 rad/s
@@ -217,16 +218,10 @@ class FullRangeAction(ActionTerm):
 
     def bind(self, joints: Joints) -> Sequence[BoundTerm]:
         """As in `ActionTerm`."""
-        of_target: dict[str, list[int]] = {}
-        for i, takes in enumerate(joints.takes):
-            of_target.setdefault(
-                next(
-                    t for t in ("position_target", "velocity_target", "effort_target") if t in takes
-                ),
-                [],
-            ).append(i)
         terms = []
-        for target, chosen in of_target.items():
+        widest = [_widest(takes) for takes in joints.takes]
+        for target, run in groupby(range(len(widest)), widest.__getitem__):
+            chosen = list(run)
             at = np.array(chosen, dtype=np.intp)
             low, high = self._span(joints, target, at)
             terms.append(
@@ -258,6 +253,11 @@ class FullRangeAction(ActionTerm):
         return -most, most
 
 
+def _widest(takes: frozenset[str]) -> str:
+    """The target that says most of those which an actuator follows."""
+    return next(t for t in ("position_target", "velocity_target", "effort_target") if t in takes)
+
+
 class Commander:
     """Turns actions into commands.
 
@@ -269,11 +269,17 @@ class Commander:
         names: what each number of the action moves.
 
     Raises:
+        TypeError: something is not an action term.
         ValueError: two terms set the same target of one joint.
     """
 
     def __init__(self, terms: Sequence[ActionTerm], joints: Joints):
-        self._joints = joints
+        for given in terms:
+            if not isinstance(given, ActionTerm):
+                raise TypeError(
+                    f"action should be an action term or several, got {given!r}; for instance "
+                    'JointPositionAction(joint_names_expr=(".*",), scale=0.5)'
+                )
         self._terms = [bound for term in terms for bound in term.bind(joints)]
         self.names = tuple(name for term in self._terms for name in term.names)
         set_by: set[tuple[str, str]] = set()

@@ -150,8 +150,11 @@ class Drivetrain:
                 kept come last, in their own units.
 
         Raises:
+            RuntimeError: the model has actuators that were kept and is not compiled yet.
             ValueError: the action has another shape, or is not finite.
         """
+        if len(self._kept_at) != len(self.kept):
+            raise RuntimeError("call initialize(physics) after the model was compiled, then act")
         values = checked_action(action, self._names)
         n = self._commander.size
         self.command = self._commander.command(values[:n])

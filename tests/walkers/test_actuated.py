@@ -122,8 +122,9 @@ class TestExisting:
         )
         walker = MjcfWalker.from_file(write(tmp_path, text), EXPLICIT)
         assert walker.action_spec.name.split("\t")[2:] == ["rl_knee", "rr_knee"]
+        environment = started(walker)
         with pytest.raises(ValueError, match="nan for 'rr_knee'"):
-            walker.apply_action(None, [0, 0, 0, np.nan], None)
+            environment.step([[0, 0, 0, np.nan]])
 
     def test_tendons_and_muscles_are_kept(self, tmp_path):
         text = DOG.replace(
@@ -227,6 +228,10 @@ class TestAction:
         np.testing.assert_array_equal(walker.command.position_target, command)
         with pytest.raises(ValueError, match="read-only"):
             walker.prev_action[0] = 1.0
+
+    def test_comes_after_compilation(self, tmp_path):
+        with pytest.raises(RuntimeError, match="initialize.physics. after the model was compiled"):
+            dog(tmp_path).apply_action(None, np.zeros(8), None)
 
     def test_holds_until_the_next(self, environment):
         (walker,) = environment.task.walkers
