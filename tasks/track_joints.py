@@ -201,6 +201,8 @@ class TrackJoints(WalkerTask):
         for _ in range(round(self._settle / physics.timestep())):
             drivetrain.run()
             physics.step()
+        # MuJoCo's drives take the first step after a reset for one from rest, so rest it shall be.
+        physics.bind(self._walker.mjcf_model.find_all("joint")).qvel = 0.0
         physics.data.time = 0.0
 
     def _row(self, row: int) -> FloatArray:

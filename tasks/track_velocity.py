@@ -29,7 +29,7 @@ import numpy as np
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
-from walkerkit.actuators.arguments import check_range
+from walkerkit.actuators.arguments import check_number
 from walkerkit.tasks.falls import STANDING, FallLimits
 from walkerkit.tasks.rewards import closeness, smoothness
 from walkerkit.tasks.upright_task import UprightTask
@@ -55,7 +55,7 @@ class TrackVelocity(UprightTask):
     Args:
         walker: with actuators of ours, and floating.
         arena: where it walks; by default a flat floor.
-        forward: (low, high) of the commanded forward velocity [m/s].
+        forward: (low, high) of the commanded forward velocity [m/s]; twice the same to fix it.
         left: (low, high) of the commanded velocity to the left [m/s].
         yaw_rate: (low, high) of the commanded yaw rate, anticlockwise [rad/s].
         physics_timestep: [s]; by default that of the robot's file, else 2 ms.
@@ -98,7 +98,7 @@ class TrackVelocity(UprightTask):
             joint_noise=joint_noise,
         )
         given = {"forward": forward, "left": left, "yaw_rate": yaw_rate}
-        self._ranges = np.array([check_range(name, pair) for name, pair in given.items()])
+        self._ranges = np.array([_range(name, pair) for name, pair in given.items()])
         self._command: FloatArray = self._ranges.mean(axis=1)
         self._observed = observable.Generic(lambda _: self._command)
         self._observed.enabled = True
@@ -127,3 +127,14 @@ class TrackVelocity(UprightTask):
     def _begin(self, physics: Any, random_state: Any) -> None:
         del physics
         self._command = random_state.uniform(*self._ranges.T)
+
+
+def _range(name: str, pair: Range) -> Range:
+    try:
+        low, high = pair
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} should be two numbers (low, high), got {pair!r}") from None
+    low, high = (check_number(f"{name}[{i}]", number) for i, number in enumerate((low, high)))
+    if low > high:
+        raise ValueError(f"{name} should not fall from low to high, got {pair!r}")
+    return low, high
