@@ -174,8 +174,11 @@ def test_native_delay_is_our_delay(lag, edit_timestep, timestep, late_change, ti
 def test_native_delay_is_our_delay_in_a_batch_with_partial_resets():
     records = []
     for cfg in (NATIVE, OURS):
-        actuator, physics = pendulum(delayed(cfg, 6), 0.002, 0.004)
-        batch = Batch(physics.model.ptr, 4, 2)
+        root = mjcf.from_xml_string(PENDULUM.format(timestep=0.002))
+        actuator = delayed(cfg, 6).build()
+        actuator.edit_mjcf(root)
+        root.option.timestep = 0.004
+        batch = Batch(mjcf.Physics.from_mjcf_model(root).model.ptr, 4, 2)
         actuator.initialize(batch)
         actuator.reset()
         cmds = commands(150, (4, 1), ("position",), scale=0.5, seed=2)

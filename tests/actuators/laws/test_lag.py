@@ -158,6 +158,30 @@ def test_a_reset_may_bring_its_own_source(source):
     assert (drawn[0] != drawn[2]).any()
 
 
+@pytest.mark.parametrize("source", [np.random.default_rng, np.random.RandomState])
+def test_redraws_follow_the_source_of_a_whole_reset(source):
+    values = np.zeros((30, 4, 1))
+    lags = []
+    for own, seed in ((1, 8), (2, 8), (1, 9)):
+        one = line(0, 6, (4, 1), hold_prob=0.2, seed=own)
+        push(one, values[:7])
+        one.reset(None, source(seed))
+        lags.append(push(one, values)[1])
+    np.testing.assert_array_equal(lags[0], lags[1])
+    assert (lags[0] != lags[2]).any()
+
+
+def test_the_source_of_a_partial_reset_leaves_the_other_rows_alone():
+    values = np.zeros((30, 3, 1))
+    untouched, partly = (line(0, 6, (3, 1), hold_prob=0.2) for _ in range(2))
+    _, lags = push(untouched, values)
+    rows = np.array([1])
+    source = np.random.default_rng(5)
+    _, lags2 = push(partly, values, lambda k: partly.reset(rows, source) if k == 9 else None)
+    np.testing.assert_array_equal(lags[:, [0, 2]], lags2[:, [0, 2]])
+    assert (lags[:, 1] != lags2[:, 1]).any()
+
+
 def test_narrower_bounds_hold_from_the_next_reset():
     one = line(0, 8, (6, 1), hold_prob=1.0)
     one.narrow(np.array([3, 4]), np.array([4, 20]), np.array([0, 5]))
