@@ -1,7 +1,8 @@
 """When a walker has fallen, and how it is put on its feet.
 
 It has fallen when its root body is tilted too far from the pose of the episode's start, is too low
-against its height there, or when a geom other than those of its end effectors touches the ground.
+against its height there, or when something other than the links that carry its end effectors
+touches the ground: a shin that ends in a foot may, the knee above it may not.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class FallLimits:
     Attributes:
         tilt: the largest angle from upright [rad]; π for any.
         height: the least height of the root body, as a share of that at the start; 0 for any.
-        contact: whether a touch of the ground with anything but the end effectors is one.
+        contact: whether a touch of the ground with anything but the links of its end effectors is.
 
     Raises:
         ValueError: a number is out of its bounds.
@@ -52,7 +53,7 @@ class Ground:
     """What a walker has to do with the ground.
 
     Args:
-        walker: a composer walker.
+        walker: a composer walker with `ground_contact_geoms`, as legged ones have.
         arena: with `ground_geoms`.
     """
 
@@ -67,18 +68,20 @@ class Ground:
         """Finds the geoms in the compiled model."""
         model = physics.model
         walker = self._walker
-        feet = {*getattr(walker, "ground_contact_geoms", ())}
         own = walker.mjcf_model.find_all("geom")
-        ids = [int(physics.bind(geom).element_id) for geom in own]
+        ids = np.array([int(physics.bind(geom).element_id) for geom in own], dtype=np.intp)
+        # A foot without a joint of its own is one with its shin.
+        link = model.body_weldid[model.geom_bodyid]
+        feet = {int(link[physics.bind(geom).element_id]) for geom in walker.ground_contact_geoms}
         ground = [int(physics.bind(geom).element_id) for geom in self._arena.ground_geoms]
         self._body = np.zeros(model.ngeom, dtype=bool)
-        self._body[[i for i, geom in zip(ids, own, strict=True) if geom not in feet]] = True
+        self._body[[i for i in ids if int(link[i]) not in feet]] = True
         self._ground = np.zeros(model.ngeom, dtype=bool)
         self._ground[ground] = True
-        self._pairs = [(a, b) for a in ids for b in ground if _collide(model, a, b)]
+        self._pairs = [(int(a), b) for a in ids for b in ground if _collide(model, a, b)]
 
     def touched(self, physics: Any) -> bool:
-        """Something other than an end effector touches the ground."""
+        """Something other than the link of an end effector touches the ground."""
         geom = physics.data.contact.geom
         if not len(geom):
             return False

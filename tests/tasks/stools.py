@@ -19,7 +19,8 @@ STOOL = """
       <geom name="seat" type="box" size="0.12 0.12 0.03" mass="3"/>
       <body name="front" pos="0.1 0 -0.02">
         <joint name="front" axis="0 -1 0" range="-0.6 0.9" armature="0.01"/>
-        <geom name="front" type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.3"/>
+        <geom name="front" type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.25"/>
+        <body name="toe" pos="0 0 -0.3"><geom name="toe" size="0.02" mass="0.05"/></body>
       </body>
       <body name="left" pos="-0.1 0.1 -0.02">
         <joint name="left" axis="-1 0 0" range="-0.6 0.9" armature="0.01"/>
