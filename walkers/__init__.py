@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from walkerkit.walkers.mjcf_walker import MjcfWalker as MjcfWalker
     from walkerkit.walkers.quadruped import QUADRUPED_XML as QUADRUPED_XML
     from walkerkit.walkers.quadruped import Quadruped as Quadruped
+    from walkerkit.walkers.refit import with_actuators as with_actuators
     from walkerkit.walkers.servo_bench import SERVO_BENCH_XML as SERVO_BENCH_XML
     from walkerkit.walkers.servo_bench import ServoBench as ServoBench
-    from walkerkit.walkers.with_actuators import with_actuators as with_actuators
 
 # dm_control looks for a display as soon as it is imported, so it waits for who asks for a walker.
 _LAZY = {
@@ -27,7 +27,7 @@ _LAZY = {
     "SERVO_BENCH_XML": "servo_bench",
     "ServoBench": "servo_bench",
     "Trot": "gait",
-    "with_actuators": "with_actuators",
+    "with_actuators": "refit",
 }
 
 

@@ -14,7 +14,7 @@ from walkerkit.actuators import DelayedActuatorCfg
 from walkerkit.actuators.randomization import Randomization
 from walkerkit.tasks import JointPositionAction, Stand, TrackVelocity
 from walkerkit.tasks.rewards import closeness, low_effort
-from walkerkit.walkers.with_actuators import with_actuators
+from walkerkit.walkers import with_actuators
 
 TASKS = (Stand, TrackVelocity)
 WEAKER = Randomization(parameter="strength", range=(0.6, 1.0))
