@@ -20,8 +20,9 @@ actuators of MuJoCo (`Builtin…`, `Xml…`, those of the file) are in the robot
 that runs in Python (`IdealPdActuatorCfg`, `DcMotorActuatorCfg`, …, and delays in front of it) there
 is nothing in that model but a bare motor, to which no position target can go. Compare with the same
 robot with a `BuiltinPdActuatorCfg` or `BuiltinPositionActuatorCfg` of the same gains, limits and
-armature; what the Python law does beyond these is then the gap that is found. The recording's notes
-name such joints. For a robot that `TrackJoints` hung up, the model is its `task.walker`.
+armature; the recording's notes name such joints. What the Python law does beyond these, like the
+drivetrain laws of a walker (`laws=`), is then the gap that is found. For a robot that `TrackJoints`
+hung up, the model is its `task.walker`.
 """
 
 from __future__ import annotations

@@ -67,6 +67,8 @@ class RobotLog:
         self._commanded: dict[str, tuple[str, int]] = {}
         self._controlled: dict[str, Drive] = {}
         self._driven: set[int] = set()
+        self._drive_dofs: list[int] = []
+        self._drive_places: list[int] = []
         self._notes: list[str] = []
         ours = [] if self.drivetrain is None else self._find_commands(self.drivetrain)
         self._find_controls(ours)
@@ -89,7 +91,10 @@ class RobotLog:
 
     def after_step(self) -> None:
         """It has been made: the effort of its beginning is what MuJoCo has left."""
-        self._efforts.append(np.array(self._data.qfrc_actuator))
+        effort = np.array(self._data.qfrc_actuator)
+        if self.drivetrain is not None:
+            effort[self._drive_dofs] += self.drivetrain.changed_effort[self._drive_places]
+        self._efforts.append(effort)
 
     def columns(self) -> dict[str, FloatArray]:
         """The log: column to samples."""
@@ -139,6 +144,8 @@ class RobotLog:
                 continue
             for element, joint in zip(actuator.elements, actuator.joint_ids, strict=True):
                 self._driven.add(int(joint))
+                self._drive_dofs.append(int(self._model.jnt_dofadr[joint]))
+                self._drive_places.append(place[id(element)])
                 for target in actuator.takes:
                     column = f"{self._names[int(joint)]}/{target}"
                     self._commanded[column] = target, place[id(element)]

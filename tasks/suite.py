@@ -31,6 +31,7 @@ from dm_control import suite as dm_suite
 
 from walkerkit import walkers
 from walkerkit.actuators import ActuatorCfg
+from walkerkit.actuators.drivetrain import DrivetrainLaw
 from walkerkit.actuators.errors import closest, listed
 from walkerkit.tasks.stand import Stand
 from walkerkit.tasks.suite_physics import ActuatedEnvironment, actuated
@@ -60,6 +61,7 @@ def load(
     action: ActionTerm | Sequence[ActionTerm] | None = None,
     existing: Existing = "replace",
     default: Mapping[str, float] | None = None,
+    laws: Sequence[DrivetrainLaw] = (),
     randomizations: Sequence[Randomization] = (),
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
@@ -77,6 +79,8 @@ def load(
             joints that have one an error. Those of other joints stay. Not for our own domains.
         default: {joint: position} of the default pose [rad; m]; others are at their reference. Not
             for our own domains, whose robots have a home pose.
+        laws: drivetrain laws of the joints (`walkerkit.actuators.drivetrain`). Not for our own
+            domains.
         randomizations: what changes the actuators at the start of each episode.
         task_kwargs: arguments of the task: `random` (a seed or `RandomState`) and `time_limit` [s];
             in our own domains also those of `Stand` and `TrackVelocity`.
@@ -107,6 +111,7 @@ def load(
             f"domain {domain_name!r}",
             existing=existing != "replace",
             default=default is not None,
+            laws=bool(laws),
             visualize_reward=visualize_reward,
         )
         robot = getattr(walkers, _OWN_ROBOTS[domain_name])(
@@ -127,6 +132,7 @@ def load(
             action=action is not None,
             existing=existing != "replace",
             default=default is not None,
+            laws=bool(laws),
             randomizations=bool(randomizations),
         )
         return dm_suite.load(domain_name, task_name, kwargs, visualize_reward=visualize_reward)
@@ -138,6 +144,7 @@ def load(
             action=action,
             default=default,
             existing=existing,
+            laws=laws,
             randomizations=randomizations,
         )
 

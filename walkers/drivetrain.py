@@ -185,6 +185,13 @@ class Drivetrain:
         return np.concatenate([wanted, np.zeros(len(self.kept))])
 
     @property
+    def changed_effort(self) -> FloatArray:
+        """What laws changed of the effort that the drives report [N·m; N], (n_joints,)."""
+        if self._laws is None:
+            return np.zeros(len(self.joints.names))
+        return self._laws.changed_effort
+
+    @property
     def rest(self) -> ActuatorCmd:
         """The command to hold the default pose."""
         return self._commander.rest()

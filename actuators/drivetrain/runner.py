@@ -82,6 +82,7 @@ class LawRunner:
         else:
             self.restore()
         self._time = np.zeros((*simulation.batch_shape, 1))
+        self._changed = np.zeros(shape)
         self._stiffness, self._damping, self._limit = (
             _parameter(group, name, shape, missing)
             for name, missing in (("stiffness", 0.0), ("damping", 0.0), ("effort_limit", np.inf))
@@ -148,9 +149,16 @@ class LawRunner:
         step.effort = made
         self._bank.run("drive", step)
         self._bank.run("joint", step)
-        self._applied[..., self._dofs] = (step.effort - made) + step.extra
+        self._changed = step.effort - made
+        self._applied[..., self._dofs] = self._changed + step.extra
         self._dry[..., self._dofs] = np.maximum(self._own_dry + step.friction, 0.0)
         self._time += step.dt
+
+    @property
+    def changed_effort(self) -> FloatArray:
+        """What laws changed of the effort that the drives report, in the last step [N·m; N]."""
+        self._started()
+        return self._changed.copy()
 
     def _started(self) -> ActuatorGroup:
         if self._group is None:

@@ -23,6 +23,7 @@ from walkerkit.actuators import (
     XmlMotorActuatorCfg,
     XmlPositionActuatorCfg,
 )
+from walkerkit.actuators.drivetrain import StribeckFriction, TorqueSpeedLimit
 from walkerkit.tasks import FallLimits, Stand, TrackJoints, suite
 from walkerkit.tasks.excitation import BATTERY
 from walkerkit.walkers import LEG_XML, MjcfWalker
@@ -169,6 +170,33 @@ def test_a_native_delay_is_no_note(tmp_path: Path) -> None:
     servo = BuiltinPositionActuatorCfg(joint_names_expr=(".*",), stiffness=20.0, damping=1.0)
     late = DelayedActuatorCfg(base_cfg=servo, delay_min_lag=4, delay_max_lag=4)
     assert gap.record(bench(tmp_path, late)).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("law", "reported"),
+    [
+        (TorqueSpeedLimit(joint_names_expr=(".*",), saturation_effort=3.0, velocity_limit=4.0), 1),
+        (StribeckFriction(joint_names_expr=(".*",), breakaway=0.2, velocity=0.1), 0),
+    ],
+)
+def test_effort_is_what_the_drive_reports_and_not_the_friction_behind_it(
+    law: Any, reported: int, tmp_path: Path
+) -> None:
+    task = TrackJoints(pendulum(tmp_path, XML, laws=(law,)), seconds=0.5, control_timestep=0.001)
+    environment = composer.Environment(task, random_state=0)
+    shoulder = task.walker.mjcf_model.find("joint", "shoulder")
+    expected, changed = [], []
+
+    def after(physics: Any, random_state: Any) -> None:
+        bound = physics.bind(shoulder)
+        changed.append(float(bound.qfrc_applied[0]))
+        expected.append(float(bound.qfrc_actuator[0]) + reported * changed[-1])
+
+    environment.add_extra_hook("after_substep", after)
+    log = gap.record(environment)
+    np.testing.assert_allclose(log.columns["shoulder/effort"], expected, rtol=1e-12)
+    if reported:
+        assert np.abs(changed).max() > 0.1
 
 
 @pytest.mark.parametrize("policy", ["steps", BATTERY["steps"]])

@@ -12,6 +12,7 @@ from walkerkit.actuators import (
     DelayedActuatorCfg,
     IdealPdActuatorCfg,
 )
+from walkerkit.actuators.drivetrain import TorqueSpeedLimit
 from walkerkit.actuators.randomization import Randomization
 from walkerkit.tasks import JointEffortAction, JointPositionAction, suite
 
@@ -90,6 +91,28 @@ def test_laws_beside_the_suite_s_own_actuators(
     np.testing.assert_array_equal(ours.action_spec().minimum, theirs.action_spec().minimum)
     np.testing.assert_array_equal(ours.action_spec().maximum, theirs.action_spec().maximum)
     same_episode(theirs, ours, seed=0)
+
+
+def test_a_drivetrain_law_that_does_nothing_is_the_suite_bit_for_bit() -> None:
+    theirs = dm_suite.load("cartpole", "balance", {"random": 7})
+    never = TorqueSpeedLimit(
+        joint_names_expr=("slider",), saturation_effort=1e6, velocity_limit=1e6
+    )
+    push = JointEffortAction(joint_names_expr=("slider",), scale=10.0)
+    options: dict[str, Any] = {"action": push, "task_kwargs": {"random": 7}}
+    same_episode(
+        theirs, suite.load("cartpole", "balance", idle("slider"), laws=(never,), **options), seed=0
+    )
+    weak = TorqueSpeedLimit(joint_names_expr=("slider",), saturation_effort=2.0, velocity_limit=5.0)
+    ours = suite.load("cartpole", "balance", idle("slider"), laws=(weak,), **options)
+    theirs = dm_suite.load("cartpole", "balance", {"random": 7})
+    speeds = []
+    for environment in (theirs, ours):
+        environment.reset()
+        for _ in range(20):
+            environment.step([1.0])
+        speeds.append(float(environment.physics.velocity()[0]))
+    assert 0 < speeds[1] < 0.5 * speeds[0]
 
 
 def test_without_actuators_it_is_the_suite_s_environment() -> None:
