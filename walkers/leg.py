@@ -1,12 +1,12 @@
 """One quadruped-class leg hung from a fixed base: the smallest robot worth diagnosing.
 
     from dm_control import composer
+    from walkerkit.tasks import TrackJoints
     from walkerkit.walkers import LEG_XML, Leg
 
-    leg = Leg()
-    environment = composer.Environment(composer.NullTask(leg))
+    environment = composer.Environment(TrackJoints(Leg(), excitation="chirp"))
     environment.reset()
-    environment.step(leg.action_for())  # holds home
+    environment.step([0.0, 0.0, 0.0])  # no correction of the chirp
 
 Three hinges, `hip` (abduction), `thigh` and `calf`, each under a position servo of the same name.
 The leg touches nothing, so that joint logs speak of the drives alone. `LEG_XML` is the same robot

@@ -1,9 +1,8 @@
 """One motor on a bench, which turns an arm with a weight against gravity.
 
-    bench = ServoBench()
-    environment = composer.Environment(composer.NullTask(bench))
+    environment = composer.Environment(TrackJoints(ServoBench(), excitation="slow_triangle"))
     environment.reset()
-    environment.step(bench.action_for())  # holds home
+    environment.step([0.0])  # no correction of the triangle
 
 The one joint, `shaft`, is level: at zero the arm hangs down, where home is. Its motor is the
 `unitree_go1_hip` of `MOTORS`, 23.7 N·m, of which the arm takes 1.8 N·m at most.
