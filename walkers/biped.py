@@ -30,18 +30,19 @@ BIPED_XML: Final = Path(__file__).parent / "assets" / "biped.xml"
 _ANKLE = parallel_linkage([MOTORS["unitree_5020"].actuator()] * 2, [[1, 1], [1, -1]])[0]
 
 # Upright, gravity pulls at both ankles together with 160 N·m/rad. With 30 Hz they hold against
-# three times that, and it stands by itself; where a policy balances it, less will do.
+# three times that, and it stands by itself; where a policy balances it, less will do. More damping
+# would be too much for the 5 ms at which some of dm_control's tasks step.
 BIPED_DRIVES: Final = (
     motor_pd(
         (".*_hip_pitch", ".*_hip_yaw"),
         MOTORS["unitree_7520_14"].actuator(),
         frequency=25.0,
-        ratio=2.0,
+        ratio=1.0,
     ),
     motor_pd(
-        (".*_hip_roll", ".*_knee"), MOTORS["unitree_7520_22"].actuator(), frequency=25.0, ratio=2.0
+        (".*_hip_roll", ".*_knee"), MOTORS["unitree_7520_22"].actuator(), frequency=25.0, ratio=1.0
     ),
-    motor_pd((".*_ankle_.*",), _ANKLE, frequency=30.0, ratio=2.0),
+    motor_pd((".*_ankle_.*",), _ANKLE, frequency=30.0, ratio=1.0),
 )
 """What drives it by default: PD control through its DC motors."""
 

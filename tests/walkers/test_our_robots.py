@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import composer
+from dm_control.locomotion.arenas import floors
+from dm_control.locomotion.tasks import go_to_target
 
 from tests.walkers.floor import on_floor
 from walkerkit.actuators import (
@@ -322,6 +324,20 @@ def test_two_robots_and_two_fixed_ones_share_a_floor():
         np.testing.assert_allclose(joints.qpos, walker.home, atol=0.06)
     for leg, place in zip(legs, ([0, 1, 0.6], [0, 2, 0.7]), strict=True):
         np.testing.assert_allclose(physics.bind(leg.root_body).xpos, place)
+
+
+@floating
+def test_gains_are_for_the_timesteps_of_dm_control_s_tasks_too(robot):
+    walker = robot()
+    task = go_to_target.GoToTarget(walker=walker, arena=floors.Floor())
+    assert task.physics_timestep == 0.005
+    environment = composer.Environment(task, random_state=0)
+    environment.reset()  # where a gain beyond its bound would be warned of
+    for _ in range(100):
+        environment.step(walker.action_for())
+    joints = environment.physics.bind(walker.observable_joints)
+    np.testing.assert_allclose(joints.qpos, walker.home, atol=0.06)
+    assert np.abs(joints.qvel).max() < 0.5
 
 
 def test_feet_of_the_walkers_are_where_they_stand():
