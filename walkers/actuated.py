@@ -58,6 +58,9 @@ class Actuated:
             laws=laws,
             randomizations=randomizations,
         )
+        # dm_control's tasks describe an action by the model's actuators, in the model's order.
+        place = {id(element): i for i, element in enumerate(self.actuators)}
+        root.actuator._children.sort(key=lambda element: place[id(element)])
 
     # What composer calls.
 
@@ -113,6 +116,11 @@ class Actuated:
         if not isinstance(cmd, ActuatorCmd):
             raise TypeError(f"command should be an ActuatorCmd, got {cmd!r} of type {type(cmd)}")
         self._drivetrain.command = cmd
+
+    @property
+    def actuators(self) -> tuple[Any, ...]:
+        """MuJoCo's actuators: ours in the order of `actuator_group.joint_names`, then the kept."""
+        return (*self._drivetrain.group.elements, *self._drivetrain.kept)
 
     @property
     def action_spec(self) -> specs.BoundedArray:

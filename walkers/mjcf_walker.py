@@ -332,11 +332,6 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         return self._observable_joints
 
     @property
-    def actuators(self) -> Sequence[Any]:
-        """MuJoCo's actuators: ours in the order of `actuator_group.joint_names`, then the kept."""
-        return (*self.drivetrain.group.elements, *self.drivetrain.kept)
-
-    @property
     def end_effectors(self) -> Sequence[Any]:
         """The bodies that touch the ground."""
         return self._end_effectors

@@ -3,6 +3,8 @@
     walker = with_actuators(ant.Ant(), DcMotorActuatorCfg(joint_names_expr=(".*",), ...))
 
 The walker stays what it was, in class, observables and pose; how its actions become effort is new.
+What dm_control's class works out for its own actuators, such as `cmu_pose_to_actuation`, does not
+hold for ours: `action_for` takes its place.
 """
 
 from __future__ import annotations
@@ -11,12 +13,15 @@ import functools
 from collections.abc import Iterable, Sequence
 from typing import Any, TypeVar
 
+import numpy as np
 from dm_control import composer
 from dm_control.composer.observation import observable
 from dm_control.locomotion.walkers import base
 
 from walkerkit.actuators import ActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw
+from walkerkit.actuators.errors import closest
+from walkerkit.actuators.targeted import candidates
 from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.actuated import Actuated
 from walkerkit.walkers.drivetrain import Existing, Randomization
@@ -53,7 +58,8 @@ def with_actuators(
 
     Raises:
         TypeError: it is no walker, or has actuators of ours already.
-        ValueError: as `ActuatorGroup.edit_mjcf`.
+        ValueError: it is attached already, `default` has an unknown joint, or as
+            `ActuatorGroup.edit_mjcf`.
     """
     if not isinstance(walker, base.Walker):
         raise TypeError(f"walker should be a dm_control walker, got {walker!r}")
@@ -62,25 +68,80 @@ def with_actuators(
             f"{type(walker).__name__} has actuators of ours already: give them when it is made"
         )
     root = walker.mjcf_model
-    pose = _upright(walker) if default is None else default
-    walker.__class__ = _actuated(type(walker))  # type: ignore[arg-type]
-    walker.put_on(
-        root,
-        actuators,
-        action=action,
-        default=pose,
-        existing=existing,
-        laws=laws,
-        randomizations=randomizations,
-    )
+    if root.parent_model is not None:
+        raise ValueError(
+            f"{type(walker).__name__} is attached to {root.parent_model.model!r} already: put "
+            "actuators on it first, then attach it"
+        )
+    if root.compiler.angle is None:
+        # Some leave to the arena what unit their angles have: all of dm_control's say radian.
+        root.compiler.angle = "radian"
+    before, cls = tuple(walker.observable_joints), type(walker)
+    pose = _upright(walker) if default is None else _checked(root, default)
+    walker.__class__ = _refitted(cls)  # type: ignore[arg-type]
+    try:
+        walker.put_on(
+            root,
+            actuators,
+            action=action,
+            default=pose,
+            existing=existing,
+            laws=laws,
+            randomizations=randomizations,
+        )
+    except Exception:
+        walker.__class__ = cls
+        raise
     _forget_cached(walker)
-    _observe_new(walker)
+    walker.observe(before)
     return walker
 
 
+class _Refitted(Actuated):
+    """A walker that others wrote."""
+
+    def observe(self, before: Sequence[Any]) -> None:
+        """Observes the joints that it did before, then the others that it drives by now.
+
+        Args:
+            before: the joints that it did.
+        """
+        driven = (getattr(element, "joint", None) for element in self.actuator_group.elements)
+        more = (joint for joint in driven if joint is not None and joint not in before)
+        self._observed = (*before, *more)
+        for item in self.observables.as_dict(fully_qualified=False).values():  # type: ignore[attr-defined]
+            observed = getattr(item, "_mjcf_element", None)
+            if not isinstance(item, observable.MJCFFeature) or not isinstance(
+                observed, list | tuple
+            ):
+                continue
+            left = tuple(element for element in observed if not element.is_removed)
+            if len(left) < len(observed) and observed[0].spec.namespace == "actuator":
+                item._mjcf_element = self.actuators
+            else:
+                item._mjcf_element = self._observed if left == tuple(before) else left
+
+    @property
+    def observable_joints(self) -> tuple[Any, ...]:
+        """The joints that it observes, in the order in which it did before."""
+        return self._observed
+
+
 @functools.cache
-def _actuated(cls: Any) -> type[Any]:
-    return type(f"Actuated{cls.__name__}", (Actuated, cls), {"__module__": __name__})
+def _refitted(cls: Any) -> type[Any]:
+    return type(f"Actuated{cls.__name__}", (_Refitted, cls), {"__module__": __name__})
+
+
+def _checked(root: Any, default: dict[str, float]) -> dict[str, float]:
+    names = list(candidates(root, "joint"))
+    for name, position in default.items():
+        if name not in names:
+            raise ValueError(
+                f"default: there is no hinge or slide joint {name!r}{closest(name, names)}"
+            )
+        if not np.isfinite(position):
+            raise ValueError(f"default[{name!r}] should be finite, got {position!r}")
+    return default
 
 
 def _forget_cached(walker: Any) -> None:
@@ -89,17 +150,6 @@ def _forget_cached(walker: Any) -> None:
         for name, member in vars(cls).items():
             if isinstance(member, composer.cached_property):
                 walker.__dict__.pop(name, None)
-
-
-def _observe_new(walker: Any) -> None:
-    """Lets observables of the actuators that were removed observe those in their place."""
-    for item in walker.observables.as_dict(fully_qualified=False).values():
-        observed = getattr(item, "_mjcf_element", None)
-        if not isinstance(item, observable.MJCFFeature) or not isinstance(observed, list | tuple):
-            continue
-        left = [element for element in observed if not element.is_removed]
-        if len(left) < len(observed):
-            item._mjcf_element = [*left, *walker.actuator_group.elements]
 
 
 def _upright(walker: Any) -> dict[str, float]:

@@ -18,6 +18,7 @@ from tests.walkers.robots import (
     NATIVE,
     Drive,
     dog,
+    go_to_target_task,
     without_camera,
     write,
 )
@@ -248,6 +249,17 @@ class TestAction:
         environment.step([action])
         np.testing.assert_allclose(walker.action_for(walker.command)[:6], action[:6], atol=1e-15)
         np.testing.assert_array_equal(walker.action_for()[6:], 0.0)
+
+    def test_goes_by_the_order_of_the_model(self, tmp_path):
+        """In which dm_control's tasks describe it."""
+        walker = dog(tmp_path)
+        environment = composer.Environment(go_to_target_task(walker), random_state=0)
+        described = environment.action_spec()
+        assert described.shape == walker.action_spec.shape
+        assert described.name.replace("dog/", "") == walker.action_spec.name
+        model = environment.physics.model
+        names = [model.id2name(i, "actuator") for i in range(model.nu)]
+        assert names == [element.full_identifier for element in walker.actuators]
 
 
 class TestCommand:
