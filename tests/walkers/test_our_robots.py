@@ -163,7 +163,7 @@ class TestAtHome:
             place, its = model.jnt_qposadr[[i, other]]
             assert data.qpos[its] == pytest.approx(sign * data.qpos[place])
 
-    def test_ground_bears_its_weight_and_no_more_at_the_first_step(self, robot):
+    def test_feet_alone_bear_its_weight(self, robot):
         walker = robot(position_controlled=True)
         environment = on_floor(walker)
         physics = environment.physics
