@@ -140,8 +140,9 @@ class ActuatorContract:
     def test_update_takes_the_models_timestep_only(self):
         actuator, _ = self.built()
         actuator.update(TIMESTEP)
-        with pytest.raises(ValueError, match=r"dt is 0\.004 s, the model's timestep 0\.002 s"):
-            actuator.update(0.004)
+        for dt in (0.004, 0.001, 0.0):
+            with pytest.raises(ValueError, match=f"dt is {dt} s, the model's timestep 0.002 s"):
+                actuator.update(dt)
 
     # Commands.
 
@@ -206,6 +207,16 @@ class ActuatorContract:
         for row in (0, 2):
             assert untouched.row(row) == partly.row(row)
         assert untouched.row(1) != partly.row(1)
+
+    def test_partial_reset_keeps_the_efforts_of_the_other_rows(self):
+        actuator, batch = self.batch()
+        run(actuator, batch, self.script((N_SIMS, self.n), n_steps=5))
+        before = actuator.computed_effort, actuator.applied_effort
+        actuator.reset([1])
+        for old, new in zip(
+            before, (actuator.computed_effort, actuator.applied_effort), strict=True
+        ):
+            np.testing.assert_array_equal(old[[0, 2]], new[[0, 2]])
 
     def test_ids_of_a_reset(self):
         actuator, physics = self.built()
