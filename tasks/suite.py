@@ -12,8 +12,9 @@ draws of initial states are the suite's own: with actuators that do nothing to t
 trajectory is the suite's bit for bit. Actions are those of the action terms, in [-1, 1], then the
 controls of actuators that stay, in their own units and order.
 
-Every domain of the suite works but `humanoid_CMU`, whose file PyMJCF cannot write back
-(`with_actuators(cmu_humanoid.CMUHumanoid(), ...)` is the same robot as a composer walker).
+Every domain of the suite takes actuators but `humanoid_CMU`, whose file PyMJCF cannot write back
+(`with_actuators(cmu_humanoid.CMUHumanoid(), ...)` is the same robot as a composer walker), and
+`dog`, whose task wants actuators with an activation.
 
 Ours are composer environments: `walkerkit_quadruped` and `walkerkit_biped`, each with `stand`
 (`tasks.Stand`) and `walk` (`tasks.TrackVelocity`).
@@ -40,6 +41,13 @@ from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.drivetrain import Drivetrain, Existing, Randomization
 
 _TIME_LIMIT = 20.0  # s, of our own tasks
+_REASONS: Final = {
+    "dog": "its task asks every actuator for an activation state",
+    # A default class of it has the name that PyMJCF gives to the one of the root.
+    "humanoid_CMU": "PyMJCF cannot write its file back; use "
+    "with_actuators(cmu_humanoid.CMUHumanoid(), ...) in a composer task",
+}
+"""Domains of the suite that take no actuators of ours."""
 _OWN_ROBOTS: Final = {"walkerkit_biped": "Biped", "walkerkit_quadruped": "Quadruped"}
 _OWN_TASKS: Final[Mapping[str, Callable[..., composer.Task]]] = {
     "stand": Stand,
@@ -136,6 +144,10 @@ def load(
             randomizations=bool(randomizations),
         )
         return dm_suite.load(domain_name, task_name, kwargs, visualize_reward=visualize_reward)
+    if domain_name in _REASONS:
+        raise ValueError(
+            f"domain {domain_name!r} takes no actuators of ours: {_REASONS[domain_name]}"
+        )
 
     def drivetrain(root: mjcf.RootElement) -> Drivetrain:
         return Drivetrain(

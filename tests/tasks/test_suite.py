@@ -277,6 +277,18 @@ def test_unknown_names(domain: str, task: str, message: str) -> None:
         suite.load(domain, task)
 
 
+@pytest.mark.parametrize(
+    ("domain", "reason"),
+    [
+        ("humanoid_CMU", r"PyMJCF cannot write its file back; use with_actuators\("),
+        ("dog", "its task asks every actuator for an activation state"),
+    ],
+)
+def test_domains_that_take_no_actuators_say_why(domain: str, reason: str) -> None:
+    with pytest.raises(ValueError, match=f"domain '{domain}' takes no actuators of ours: {reason}"):
+        suite.load(domain, "stand", KNEES)
+
+
 def test_arguments_of_no_use_are_refused() -> None:
     with pytest.raises(ValueError, match="existing is of no use with actuators=None"):
         suite.load("walker", "walk", existing="keep")
