@@ -9,14 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shimmy
+from gymnasium.utils.env_checker import check_env
 
-gymnasium = pytest.importorskip("gymnasium", reason="pip install 'walkerkit[gymnasium]'")
-shimmy = pytest.importorskip("shimmy", reason="pip install 'walkerkit[gymnasium]'")
-
-from gymnasium.utils.env_checker import check_env  # noqa: E402
-
-from walkerkit.actuators import IdealPdActuatorCfg  # noqa: E402
-from walkerkit.tasks import suite  # noqa: E402
+from walkerkit.actuators import IdealPdActuatorCfg
+from walkerkit.tasks import suite
 
 KNEES = IdealPdActuatorCfg(
     joint_names_expr=(".*_knee",), stiffness=20.0, damping=1.0, effort_limit=30.0
