@@ -36,6 +36,9 @@ from walkerkit.actuators import (
     XmlPositionActuatorCfg,
 )
 from walkerkit.actuators.builtin_dc_motor import BuiltinDcMotorActuatorCfg
+from walkerkit.actuators.drivetrain.controller import IntegralAction, SetpointFilter
+from walkerkit.actuators.drivetrain.drive import ActuatorLag, StrengthDrift
+from walkerkit.actuators.drivetrain.friction import LoadDependentFriction, PreslidingFriction
 from walkerkit.actuators.networks.lstm import Lstm
 from walkerkit.actuators.networks.mlp import Mlp
 from walkerkit.actuators.randomization import Randomization
@@ -335,19 +338,33 @@ STATEFUL = {
     ),
     "native": lambda _: BuiltinPdActuatorCfg(**HIPS),
     "random gains": lambda _: IdealPdActuatorCfg(**HIPS),
+    "drivetrain": lambda _: IdealPdActuatorCfg(**HIPS),
+}
+HIPS_ONLY = {"joint_names_expr": (".*_hip",)}
+OPTIONS = {
+    "random gains": {
+        "randomizations": (
+            Randomization(parameter="stiffness", range=(0.7, 1.3)),
+            Randomization(parameter="strength", range=(0.5, 1.0)),
+        )
+    },
+    "drivetrain": {
+        "laws": (
+            SetpointFilter(**HIPS_ONLY, time_constant=0.02),
+            IntegralAction(**HIPS_ONLY, gain=5.0),
+            ActuatorLag(**HIPS_ONLY, time_constant=0.01),
+            StrengthDrift(**HIPS_ONLY, rate=0.5),
+            PreslidingFriction(**HIPS_ONLY, frictionloss=0.2, bristle_stiffness=50.0),
+            LoadDependentFriction(**HIPS_ONLY, coefficient=0.1),
+        )
+    },
 }
 
 
 @pytest.mark.parametrize("recompile", [True, False])
 @pytest.mark.parametrize("case", STATEFUL)
 def test_no_state_survives_two_resets(tmp_path, case, recompile):
-    randomizations = ()
-    if case == "random gains":
-        randomizations = (
-            Randomization(parameter="stiffness", range=(0.7, 1.3)),
-            Randomization(parameter="strength", range=(0.5, 1.0)),
-        )
-    walker = dog(tmp_path, actuators=STATEFUL[case](tmp_path), randomizations=randomizations)
+    walker = dog(tmp_path, actuators=STATEFUL[case](tmp_path), **OPTIONS.get(case, {}))
     environment = started(walker, recompile_mjcf_every_episode=recompile)
 
     def episode(resets):
@@ -361,7 +378,7 @@ def test_no_state_survives_two_resets(tmp_path, case, recompile):
             physics = environment.physics
             group = walker.actuator_group
             rows += [physics.data.qpos.copy(), physics.data.ctrl.copy(), physics.data.act.copy()]
-            rows += [group.applied_effort, group.computed_effort]
+            rows += [group.applied_effort, group.computed_effort, physics.data.qfrc_applied.copy()]
         return np.concatenate(rows)
 
     first = episode(1)
