@@ -301,3 +301,30 @@ def test_efforts_of_filtered_actuators(filtering, early):
         np.testing.assert_allclose(before, exerted, rtol=1e-12, atol=1e-12)
         # Efforts are those of the last compute, whatever the physics did since.
         np.testing.assert_array_equal(actuator.applied_effort, before)
+
+
+@pytest.mark.parametrize("delay", ["0.004", "0.005"])
+@pytest.mark.parametrize("interp", ["zoh", "linear"])
+def test_a_delay_of_the_xml_starts_from_the_first_command_and_shows_in_efforts(delay, interp):
+    text = f"""
+    <mujoco><option timestep="0.002"/><worldbody><body><joint name="j" axis="0 1 0"/>
+    <geom size="0.1" pos="0 0 -0.2"/></body></worldbody>
+    <actuator><position name="j" joint="j" kp="30" kv="1" delay="{delay}" nsample="4"
+      interp="{interp}"/></actuator></mujoco>"""
+    root = mjcf.from_xml_string(text)
+    actuator = XmlPositionActuatorCfg(joint_names_expr=("j",)).build()
+    actuator.edit_mjcf(root)
+    physics = mjcf.Physics.from_mjcf_model(root)
+    actuator.initialize(physics)
+    physics.legacy_step = False
+    with physics.reset_context():
+        physics.data.qpos[:] = 0.8
+    actuator.reset()
+    for k in range(12):
+        target = 0.8 + 0.01 * k**2
+        cmd = ActuatorCmd(position_target=np.array([target]))
+        physics.data.ctrl[actuator.ctrl_ids] = actuator.compute(cmd)
+        physics.step()
+        np.testing.assert_allclose(actuator.applied_effort, physics.data.actuator_force, atol=1e-9)
+        if k == 0:
+            assert abs(physics.data.actuator_force[0]) < 1e-12
