@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import Actuator, Random
 from walkerkit.actuators.command import TARGETS, ActuatorCmd
 from walkerkit.actuators.config import TRANSMISSIONS, ActuatorCfg
-from walkerkit.actuators.simulation import Simulation, indexer
+from walkerkit.actuators.simulation import Simulation, indexer, last_axis
 from walkerkit.actuators.targeted import in_kinematic_order
 
 if TYPE_CHECKING:
@@ -120,7 +120,9 @@ class ActuatorGroup:
             actuator.initialize(physics)
         self._simulation = self.actuators[0].simulation
         self._ctrl = self._simulation.state("ctrl")
-        self._ctrl_at = tuple(indexer(actuator.ctrl_ids) for actuator in self.actuators)
+        self._ctrl_at = tuple(
+            last_axis(self._ctrl, actuator.ctrl_ids) for actuator in self.actuators
+        )
         # A target that none of them takes is left in, to be refused; so is an effort, always.
         some = self.takes - {"effort_target"}
         self._for_others = tuple(some - actuator.takes for actuator in self.actuators)
@@ -167,7 +169,7 @@ class ActuatorGroup:
             if again and actuator.holds:
                 actuator.look()
             else:
-                self._ctrl[..., at] = actuator.compute(part)
+                self._ctrl[at] = actuator.compute(part)
 
     def _split(self, cmd: ActuatorCmd) -> tuple[ActuatorCmd, ...]:
         if cmd is self._last:

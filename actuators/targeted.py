@@ -15,7 +15,7 @@ from walkerkit.actuators.actuator import Actuator, Rows, rows_of, unknown_parame
 from walkerkit.actuators.config import JOINT_ATTRIBUTES, TargetedActuatorCfg
 from walkerkit.actuators.errors import listed
 from walkerkit.actuators.selection import per_joint, select
-from walkerkit.actuators.simulation import Simulation, indexer
+from walkerkit.actuators.simulation import Simulation, indexer, last_axis
 from walkerkit.actuators.stability import unstable_gains
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ class TargetedActuator(Actuator):
     def state(self) -> tuple[FloatArray, FloatArray]:
         """Position and velocity of its joints, (..., n_joints) each, perhaps live views."""
         (q, at), (qd, dof) = self._length, self._speed
-        return (q if at is None else q[..., at]), (qd if dof is None else qd[..., dof])
+        return (q if at is None else q[at]), (qd if dof is None else qd[dof])
 
     @property
     def simulation(self) -> Simulation:
@@ -373,5 +373,6 @@ def candidates(root: mjcf.RootElement, kind: str) -> dict[str, Any]:
 
 def _viewed(array: FloatArray, ids: Any) -> tuple[FloatArray, Any]:
     """The part of the array as a live view where there is one, else with what indexes it."""
-    at = indexer(ids)
-    return (array[..., at], None) if isinstance(at, slice) else (array, at)
+    if isinstance(indexer(ids), slice):
+        return array[last_axis(array, ids)], None
+    return array, last_axis(array, ids)

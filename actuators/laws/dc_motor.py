@@ -34,32 +34,8 @@ def dc_motor_clip(
         velocity_limit: V, without load [rad/s; m/s].
         effort_limit: F, what it may make for long [N·m; N].
     """
-    line = saturation_effort / velocity_limit
-    return _clip(effort, qd, saturation_effort, line, effort_limit, -effort_limit, None, None)
-
-
-def _clip(
-    effort: FloatArray,
-    qd: FloatArray,
-    stall: FloatArray,
-    line: FloatArray,
-    limit: FloatArray,
-    other_limit: FloatArray,
-    scratch: FloatArray | None,
-    scratch2: FloatArray | None,
-) -> FloatArray:
-    # Bounds are held within the limits, and not the speed before them: exact, and symmetric.
-    lost = np.multiply(qd, line, out=scratch)
-    bound = np.subtract(stall, lost, out=scratch2)
-    bound = np.maximum(bound, other_limit, out=scratch2)
-    bound = np.minimum(bound, limit, out=scratch2)
-    out: FloatArray = np.minimum(effort, bound)
-    # The lower bound, with its sign turned.
-    bound = np.add(stall, lost, out=scratch2)
-    bound = np.maximum(bound, other_limit, out=scratch2)
-    bound = np.minimum(bound, limit, out=scratch2)
-    bound = np.negative(bound, out=scratch2)
-    return np.maximum(out, bound, out=out)
+    shape = np.broadcast_shapes(np.shape(effort), np.shape(qd))
+    return DcMotorClip(saturation_effort, velocity_limit, effort_limit, shape)(effort, qd)
 
 
 class DcMotorClip:
@@ -79,19 +55,34 @@ class DcMotorClip:
         effort_limit: FloatArray,
         shape: tuple[int, ...],
     ):
-        line = saturation_effort / velocity_limit
-        self._curve = saturation_effort, line, effort_limit, -effort_limit
-        self._scratch = np.empty(shape), np.empty(shape)
+        self._line = saturation_effort / velocity_limit
+        self._stall, self._reverse = saturation_effort, -saturation_effort
+        # Upper and lower bounds in one array: what is done to both takes one call.
+        limit = np.broadcast_to(effort_limit, shape)
+        self._limits, self._others = np.stack([limit, limit]), np.stack([-limit, -limit])
+        self._bounds = np.empty((2, *shape))
+        self._high, self._low = self._bounds
+        self._lost = np.empty(shape)
 
     def __call__(self, effort: FloatArray, qd: FloatArray) -> FloatArray:
         """The effort that is left, a new array (..., n_joints) [N·m; N]."""
-        return _clip(effort, qd, *self._curve, *self._scratch)
+        # Bounds are held within the limits, and not the speed before them: exact, and symmetric.
+        bounds = self._bounds
+        lost = np.multiply(qd, self._line, out=self._lost)
+        np.subtract(self._stall, lost, out=self._high)
+        np.subtract(self._reverse, lost, out=self._low)
+        np.maximum(bounds, self._others, out=bounds)
+        np.minimum(bounds, self._limits, out=bounds)
+        left: FloatArray = np.minimum(effort, self._high)
+        np.maximum(left, self._low, out=left)
+        return left
 
 
 class DcMotorLaw(PdBase):
     """PD control through a DC motor; parameters those of both."""
 
     def _refresh(self) -> None:
+        super()._refresh()
         p = self._parameters
         self._clip = DcMotorClip(
             p["saturation_effort"], p["velocity_limit"], p["effort_limit"], self._shape

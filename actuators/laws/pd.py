@@ -25,6 +25,7 @@ def pd_effort(
     stiffness: FloatArray,
     damping: FloatArray,
     scratch: FloatArray | None = None,
+    against: FloatArray | None = None,
 ) -> FloatArray:
     """Effort of a PD controller, a new array (..., n_joints) [N·m; N].
 
@@ -37,10 +38,10 @@ def pd_effort(
         stiffness: kp [N·m/rad; N/m].
         damping: kd [N·m·s/rad; N·s/m].
         scratch: memory of the result's shape to work in, if any.
+        against: −kd, where it is at hand.
     """
     if velocity is None:
-        total: FloatArray = np.multiply(damping, qd, out=scratch)
-        total = np.negative(total)
+        total: FloatArray = np.multiply(-damping if against is None else against, qd)
     else:
         total = np.subtract(velocity, qd)
         total *= damping
@@ -70,12 +71,17 @@ class PdBase(Law):
     def _allocate(self, shape: tuple[int, ...]) -> None:
         self._scratch = np.empty(shape)
 
+    def _refresh(self) -> None:
+        self._against = -self._parameters["damping"]
+
     def effort(
         self, position: Target, velocity: Target, effort: Target, q: FloatArray, qd: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """As in `Law`."""
         kp, kd = self._parameters["stiffness"], self._parameters["damping"]
-        computed = pd_effort(position, velocity, effort, q, qd, kp, kd, self._scratch)
+        computed = pd_effort(
+            position, velocity, effort, q, qd, kp, kd, self._scratch, self._against
+        )
         return computed, self._limited(computed, q, qd)
 
     @abc.abstractmethod
