@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 Random = np.random.Generator | np.random.RandomState
+Targets = tuple[FloatArray | None, FloatArray | None, FloatArray | None]
+"""Of position, velocity and effort."""
 Rows = IntArray | None
 """Simulations of a batch; None for all of them, or for the only one."""
 
@@ -125,10 +127,21 @@ class Actuator(abc.ABC):
             ValueError: a target has another shape, a needed one is missing, or one is given that
                 this actuator cannot follow.
         """
+        return self.control(*self.checked(cmd))
+
+    def checked(self, cmd: ActuatorCmd) -> Targets:
+        """The targets of a command, of which each is looked at once.
+
+        Args:
+            cmd: as in `compute`.
+
+        Raises:
+            ValueError: as `compute`.
+        """
         if cmd is not self._checked:
             self._check(cmd)
             self._checked = cmd
-        return self.control(cmd.position_target, cmd.velocity_target, cmd.effort_target)
+        return cmd.position_target, cmd.velocity_target, cmd.effort_target
 
     # What it is and does.
 

@@ -31,14 +31,14 @@ from walkerkit.actuators.simulation import Simulation
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-_WORDS = ("position", "velocity", "effort")
+WORDS = ("position", "velocity", "effort")
 
 
 def _delay_targets(name: str, value: Any) -> tuple[str, ...]:
     words = tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
-    if not words or any(words.count(word) > 1 or word not in _WORDS for word in words):
-        raise ValueError(f"{name} should be one or several of {list(_WORDS)}, got {value!r}")
-    return tuple(word for word in _WORDS if word in words)
+    if not words or any(words.count(word) > 1 or word not in WORDS for word in words):
+        raise ValueError(f"{name} should be one or several of {list(WORDS)}, got {value!r}")
+    return tuple(word for word in WORDS if word in words)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +113,8 @@ class DelayedActuator(Actuator):
         self.cfg = cfg
         self.base = cfg.base_cfg.build()
         self._lines: dict[str, DelayLine] = {}
-        seeds = np.random.SeedSequence(cfg.seed).spawn(len(_WORDS))
-        self._seeds = dict(zip(_WORDS, seeds, strict=True))
+        seeds = np.random.SeedSequence(cfg.seed).spawn(len(WORDS))
+        self._seeds = dict(zip(WORDS, seeds, strict=True))
         self.native = False
         base_cfg = cfg.base_cfg
         if (
@@ -176,6 +176,11 @@ class DelayedActuator(Actuator):
         self.base.look()
 
     # What it is: its base, later.
+
+    @property
+    def lines(self) -> Mapping[str, DelayLine]:
+        """The delay line of each target that is late; none where MuJoCo runs the delay."""
+        return self._lines
 
     def lag(self, target: str) -> IntArray:
         """The present lag of a target [physics steps], () or (n_sims,).

@@ -7,7 +7,7 @@ actuator bears can be too much for an explicit one: `initialize` warns where tha
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -136,8 +136,9 @@ class ExplicitActuator(TargetedActuator):
         super().__init__(cfg)
         self._law: Law | None = None
         self._strength: FloatArray | None = None
-        self._computed: FloatArray = np.zeros(0)
-        self._applied: FloatArray = np.zeros(0)
+        self._efforts: tuple[FloatArray, FloatArray, Any] = np.zeros(0), np.zeros(0), ...
+        self.on_change: Callable[[], None] | None = None
+        """Is called when parameters have changed."""
 
     def _element(self, target: Any, name: str, numbers: Mapping[str, float]) -> Any:
         gear = {"gear": self.cfg.gear} if self.cfg.gear else {}
@@ -147,8 +148,7 @@ class ExplicitActuator(TargetedActuator):
         self._law = self.cfg.law(self._numbers)
         self._law.allocate(self.shape)
         self._strength = None
-        self._computed = np.zeros(self.shape)
-        self._applied = np.zeros(self.shape)
+        self.note(np.zeros(self.shape), np.zeros(self.shape))
         if self.cfg.transmission == "joint" and {"stiffness", "damping"} <= {*self._law.names}:
             self.warn_unstable(self._law.get("stiffness"), self._law.get("damping"))
 
@@ -163,8 +163,18 @@ class ExplicitActuator(TargetedActuator):
         computed, applied = self.law.effort(position_target, velocity_target, effort_target, q, qd)
         if self._strength is not None:
             applied *= self._strength
-        self._computed, self._applied = computed, applied
+        self.note(computed, applied)
         return applied
+
+    def note(self, computed: FloatArray, applied: FloatArray, columns: Any = ...) -> None:
+        """Keeps the efforts of a step.
+
+        Args:
+            computed: before any limit [N·m; N], of these joints and perhaps of others.
+            applied: after the limits [N·m; N], likewise; nobody may write to either any more.
+            columns: what indexes these joints in them.
+        """
+        self._efforts = computed, applied, columns
 
     @property
     def law(self) -> Law:
@@ -172,6 +182,11 @@ class ExplicitActuator(TargetedActuator):
         if self._law is None:
             raise RuntimeError(f"call initialize(physics) on the actuator of {self.cfg} first")
         return self._law
+
+    @property
+    def strength(self) -> FloatArray | None:
+        """Factor on what the limits leave, None where it is 1 everywhere."""
+        return self._strength
 
     @property
     def takes(self) -> frozenset[str]:
@@ -191,21 +206,23 @@ class ExplicitActuator(TargetedActuator):
     @property
     def computed_effort(self) -> FloatArray:
         """As in `Actuator`."""
-        return self._computed.copy()
+        computed, _, columns = self._efforts
+        return np.array(computed[columns])
 
     @property
     def applied_effort(self) -> FloatArray:
         """As in `Actuator`."""
-        return self._applied.copy()
+        _, applied, columns = self._efforts
+        return np.array(applied[columns])
 
     def _reset(self, rows: Rows, random_state: Random | None) -> None:
         del random_state
         self.law.reset(rows)
         at = slice(None) if rows is None else rows
         # Not in place: what `compute` returned belongs to whoever asked for it.
-        self._computed, self._applied = self._computed.copy(), self._applied.copy()
-        self._computed[at] = 0.0
-        self._applied[at] = 0.0
+        computed, applied = self.computed_effort, self.applied_effort
+        computed[at] = applied[at] = 0.0
+        self.note(computed, applied)
 
     def _own(self) -> Mapping[str, FloatArray]:
         one = np.ones(len(self.joint_names))
@@ -217,6 +234,8 @@ class ExplicitActuator(TargetedActuator):
         return self.law.get(name)
 
     def _write(self, name: str, values: FloatArray, rows: Rows) -> None:
+        if self.on_change is not None:
+            self.on_change()
         if name != "strength":
             self.law.set(name, values, rows)
             return

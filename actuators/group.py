@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import Actuator, Random
 from walkerkit.actuators.command import TARGETS, ActuatorCmd
 from walkerkit.actuators.config import TRANSMISSIONS, ActuatorCfg
+from walkerkit.actuators.joined import Joined, joined
 from walkerkit.actuators.simulation import Simulation, indexer, last_axis
 from walkerkit.actuators.targeted import in_kinematic_order
 
@@ -63,6 +64,8 @@ class ActuatorGroup:
         self._ctrl_at: tuple[Any, ...] = ()
         self._order: tuple[IntArray, ...] = ()
         self._for_others: tuple[frozenset[str], ...] = ()
+        self._joined: list[Joined] = []
+        self._apart: list[int] = []
 
     def edit_mjcf(self, root: mjcf.RootElement) -> None:
         """Adds all of them to the model.
@@ -126,12 +129,15 @@ class ActuatorGroup:
         # A target that none of them takes is left in, to be refused; so is an effort, always.
         some = self.takes - {"effort_target"}
         self._for_others = tuple(some - actuator.takes for actuator in self.actuators)
+        self._joined, self._apart = joined(self.actuators)
         self._last = None
 
     def reset(self, env_ids: ArrayLike | None = None, random_state: Random | None = None) -> None:
         """Forgets what happened, as `Actuator.reset`."""
         for actuator in self.actuators:
             actuator.reset(env_ids, random_state)
+        for lot in self._joined:
+            lot.forget()
         self._last = None
 
     def update(self, dt: float) -> None:
@@ -165,11 +171,14 @@ class ActuatorGroup:
         """
         again = cmd is self._last
         parts = self._split(cmd)
-        for actuator, part, at in zip(self.actuators, parts, self._ctrl_at, strict=True):
+        for lot in self._joined:
+            lot.apply(parts)
+        for i in self._apart:
+            actuator = self.actuators[i]
             if again and actuator.holds:
                 actuator.look()
             else:
-                self._ctrl[at] = actuator.compute(part)
+                self._ctrl[self._ctrl_at[i]] = actuator.compute(parts[i])
 
     def _split(self, cmd: ActuatorCmd) -> tuple[ActuatorCmd, ...]:
         if cmd is self._last:

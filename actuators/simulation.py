@@ -119,3 +119,14 @@ def last_axis(array: FloatArray, ids: Any) -> Any:
     """
     at = indexer(ids)
     return (..., at) if isinstance(at, slice) or array.ndim > 1 else at
+
+
+def viewed(array: FloatArray, ids: Any) -> tuple[FloatArray, Any]:
+    """Columns of an array: a live view and None where there is one, else with what indexes them.
+
+    Args:
+        array: (..., n).
+        ids: columns.
+    """
+    at = last_axis(array, ids)
+    return (array[at], None) if isinstance(indexer(ids), slice) else (array, at)

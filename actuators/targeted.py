@@ -15,7 +15,7 @@ from walkerkit.actuators.actuator import Actuator, Rows, rows_of, unknown_parame
 from walkerkit.actuators.config import JOINT_ATTRIBUTES, TargetedActuatorCfg
 from walkerkit.actuators.errors import listed
 from walkerkit.actuators.selection import per_joint, select
-from walkerkit.actuators.simulation import Simulation, indexer, last_axis
+from walkerkit.actuators.simulation import Simulation, viewed
 from walkerkit.actuators.stability import unstable_gains
 
 if TYPE_CHECKING:
@@ -183,8 +183,8 @@ class TargetedActuator(Actuator):
             outputs = model.actuator_outadr[self._actuator_ids]
             self._length = simulation.state("actuator_length"), outputs
             self._speed = simulation.state("actuator_velocity"), outputs
-        self._length = _viewed(*self._length)
-        self._speed = _viewed(*self._speed)
+        self._length = viewed(*self._length)
+        self._speed = viewed(*self._speed)
         self._simulation = simulation
         self._checked = None
         self._bind()
@@ -369,10 +369,3 @@ def candidates(root: mjcf.RootElement, kind: str) -> dict[str, Any]:
         if getattr(element, "name", None)
         and (kind != "joint" or (element.tag == "joint" and element.type not in ("free", "ball")))
     }
-
-
-def _viewed(array: FloatArray, ids: Any) -> tuple[FloatArray, Any]:
-    """The part of the array as a live view where there is one, else with what indexes it."""
-    if isinstance(indexer(ids), slice):
-        return array[last_axis(array, ids)], None
-    return array, last_axis(array, ids)

@@ -57,29 +57,28 @@ class DcMotorClip:
     ):
         self._line = saturation_effort / velocity_limit
         self._stall, self._reverse = saturation_effort, -saturation_effort
-        # Upper and lower bounds in one array: what is done to both takes one call.
-        limit = np.broadcast_to(effort_limit, shape)
-        self._limits, self._others = np.stack([limit, limit]), np.stack([-limit, -limit])
-        self._bounds = np.empty((2, *shape))
-        self._high, self._low = self._bounds
-        self._lost = np.empty(shape)
+        self._most, self._least = effort_limit, -effort_limit
+        self._lost, self._bound = np.empty(shape), np.empty(shape)
 
     def __call__(self, effort: FloatArray, qd: FloatArray) -> FloatArray:
         """The effort that is left, a new array (..., n_joints) [N·m; N]."""
-        # Bounds are held within the limits, and not the speed before them: exact, and symmetric.
-        bounds = self._bounds
+        # Held first by the line and then by the limit, which has the last word beyond them both:
+        # the same as bounds that are held within the limit, in fewer calls. The speed is not
+        # clipped, so that it is exact and symmetric.
         lost = np.multiply(qd, self._line, out=self._lost)
-        np.subtract(self._stall, lost, out=self._high)
-        np.subtract(self._reverse, lost, out=self._low)
-        np.maximum(bounds, self._others, out=bounds)
-        np.minimum(bounds, self._limits, out=bounds)
-        left: FloatArray = np.minimum(effort, self._high)
-        np.maximum(left, self._low, out=left)
+        bound = np.subtract(self._stall, lost, out=self._bound)
+        left: FloatArray = np.minimum(effort, bound)
+        bound = np.subtract(self._reverse, lost, out=self._bound)
+        np.maximum(left, bound, out=left)
+        np.minimum(left, self._most, out=left)
+        np.maximum(left, self._least, out=left)
         return left
 
 
 class DcMotorLaw(PdBase):
     """PD control through a DC motor; parameters those of both."""
+
+    joinable = True
 
     def _refresh(self) -> None:
         super()._refresh()

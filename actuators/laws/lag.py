@@ -56,6 +56,7 @@ class DelayLine:
 
     def __init__(self, schedule: LagSchedule, shape: tuple[int, ...], seed: np.random.SeedSequence):
         self._schedule = schedule
+        self._wanders = schedule.wanders
         self._batch_shape = shape[:-1]
         # One source for resets and one for redraws, which takes numbers for all simulations at
         # once: a partial reset then leaves the lags of the others as they would have been.
@@ -107,7 +108,7 @@ class DelayLine:
         at = ... if rows is None else rows
         drawn = self._draw(self._resets if random_state is None else random_state)
         self._lag[at] = drawn[at]
-        if rows is None and random_state is not None and self._schedule.wanders:
+        if rows is None and random_state is not None and self._wanders:
             seed = np.frombuffer(random_state.bytes(16), dtype=np.uint32)
             self._redraws = np.random.default_rng(seed)
         self._age[at] = 0
@@ -117,7 +118,7 @@ class DelayLine:
 
     def push(self, target: FloatArray) -> FloatArray:
         """Takes the present target and gives the delayed one, a view of the line."""
-        if self._schedule.wanders:
+        if self._wanders:
             self._wander()
         self._head = head = (self._head + 1) % self._size
         self._ring[head] = target

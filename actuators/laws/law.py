@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ class Law(abc.ABC):
         parameters: by name, (n_joints,) each.
     """
 
+    joinable: ClassVar[bool] = False
+    """Each joint by itself and without a past: one law of the class can stand for several."""
     takes: frozenset[str] = frozenset(TARGETS)
     needs: frozenset[str] = frozenset()
 

@@ -92,5 +92,7 @@ class PdBase(Law):
 class PdLaw(PdBase):
     """PD control within a constant limit; parameters stiffness, damping, effort_limit."""
 
+    joinable = True
+
     def _limited(self, effort: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
         return clipped(effort, self._parameters["effort_limit"])
