@@ -11,6 +11,7 @@ which is as if v were held within ±V (1 + F/S). Faster than V it can only brake
 from __future__ import annotations
 
 import numpy as np
+from numpy import maximum, minimum, multiply, subtract  # looked up before every physics step
 from numpy.typing import NDArray
 
 from walkerkit.actuators.laws.pd import PdBase
@@ -65,13 +66,13 @@ class DcMotorClip:
         # Held first by the line and then by the limit, which has the last word beyond them both:
         # the same as bounds that are held within the limit, in fewer calls. The speed is not
         # clipped, so that it is exact and symmetric.
-        lost = np.multiply(qd, self._line, out=self._lost)
-        bound = np.subtract(self._stall, lost, out=self._bound)
-        left: FloatArray = np.minimum(effort, bound)
-        bound = np.subtract(self._reverse, lost, out=self._bound)
-        np.maximum(left, bound, out=left)
-        np.minimum(left, self._most, out=left)
-        np.maximum(left, self._least, out=left)
+        lost = multiply(qd, self._line, self._lost)
+        bound = subtract(self._stall, lost, self._bound)
+        left: FloatArray = minimum(effort, bound)
+        bound = subtract(self._reverse, lost, self._bound)
+        maximum(left, bound, out=left)
+        minimum(left, self._most, out=left)
+        maximum(left, self._least, out=left)
         return left
 
 
