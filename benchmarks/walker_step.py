@@ -56,7 +56,7 @@ def run(*, quick: bool) -> list[Row]:
         (True, "observed as by dm_control's tasks"),
     ):
         both = [_environment(cfgs, observed=observed) for cfgs in (_explicit(), _native())]
-        ours, native = _fastest(both, rounds=10 if quick else 60, steps=50)
+        ours, native = _fastest(both, rounds=40 if quick else 300, steps=10)
         rows.append(
             Row(
                 what=f"env.step, PD + DC motor + delay in Python, {what}",
