@@ -180,6 +180,10 @@ class ActuatorGroup:
             else:
                 self._ctrl[self._ctrl_at[i]] = actuator.compute(parts[i])
 
+    def renew(self) -> None:
+        """Lets the next `apply` write every control, also those that hold."""
+        self._last = None
+
     def _split(self, cmd: ActuatorCmd) -> tuple[ActuatorCmd, ...]:
         if cmd is self._last:
             return self._parts

@@ -89,6 +89,11 @@ class Actuated:
         del physics, random_state
         self._drivetrain.act(action)
 
+    def before_step(self, physics: Any, random_state: Any) -> None:
+        """Takes the controls back from tasks that write to them, as `composer.NullTask` does."""
+        super().before_step(physics, random_state)  # type: ignore[misc]
+        self._drivetrain.group.renew()
+
     def before_substep(self, physics: Any, random_state: Any) -> None:
         """Runs the actuators' laws."""
         super().before_substep(physics, random_state)  # type: ignore[misc]

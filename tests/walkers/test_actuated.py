@@ -42,7 +42,7 @@ from walkerkit.actuators.drivetrain.friction import LoadDependentFriction, Presl
 from walkerkit.actuators.networks.lstm import Lstm
 from walkerkit.actuators.networks.mlp import Mlp
 from walkerkit.actuators.randomization import Randomization
-from walkerkit.walkers import MjcfWalker
+from walkerkit.walkers import LEG_XML, MjcfWalker
 
 ALL = IdealPdActuatorCfg(joint_names_expr=(".*",), stiffness=KP, damping=KD)
 
@@ -472,3 +472,16 @@ def test_observables_of_a_walker_without_position_targets(tmp_path):
     seen = environment.step([np.full(6, 0.5)]).observation
     np.testing.assert_array_equal(seen["dog/position_target"], np.zeros((1, 4)))
     np.testing.assert_array_equal(seen["dog/effort_target"], np.full((1, 4), 1.5))
+
+
+@pytest.mark.parametrize("native", [True, False])
+def test_a_task_that_writes_controls_itself_does_not_reach_past_the_command(native):
+    gains = {"joint_names_expr": (".*",), "stiffness": 30.0, "damping": 1.0}
+    cfg = (BuiltinPositionActuatorCfg if native else IdealPdActuatorCfg)(**gains)
+    walker = MjcfWalker.from_file(LEG_XML, cfg)
+    environment = composer.Environment(composer.NullTask(walker), random_state=0)
+    environment.reset()
+    for _ in range(3):
+        environment.step(np.full(environment.action_spec().shape, 7.0))
+        assert np.abs(walker.actuator_group.applied_effort).max() < 20
+        np.testing.assert_allclose(environment.physics.data.qpos, walker.home, atol=0.2)
