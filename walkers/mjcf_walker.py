@@ -117,7 +117,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         self._mjcf_root = root
         if name is not None:
             root.model = name
-        self._floating = robot.floating
+        self._floating, self._free_joint = robot.floating, robot.free_joint
         self._root_body = robot.root_body
         names = list(robot.places)
         moving = [root.find("joint", name) for name in names]
@@ -265,7 +265,9 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         Args:
             attachment_frame: what `arena.attach(walker)` returned.
         """
-        if self._floating:
+        if self._floating and self._free_joint:
+            attachment_frame.add("joint", type="free", **self._free_joint)
+        elif self._floating:
             attachment_frame.add("freejoint")
 
     def reinitialize_pose(self, physics: Any, random_state: np.random.RandomState) -> None:

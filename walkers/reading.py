@@ -33,6 +33,7 @@ _COMPILER = ("angle", "autolimits", "meshdir", "texturedir", "assetdir")
 """Compiler settings that arenas agree to; the others are settled in what MuJoCo writes."""
 _UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
+_LOSSES = ("damping", "armature", "frictionloss")
 _WIDTH = {_FREE: 7, _BALL: 4}  # numbers of a joint's position, where not one
 
 
@@ -50,12 +51,15 @@ class RobotFile:
             order. One without a name goes by its number; "" is the reference pose.
         poses: by the same names, position [m] and quaternion of the body that carries it. Empty
             where the file fixes it to its world and it stays fixed.
+        free_joint: what the file's free joint has besides its freedom: `damping`, `armature` and
+            `frictionloss`, where not zero.
         left_out: what of the file does not come along and has a name, as "kind name".
     """
 
     root: Any
     root_body: Any
     floating: bool
+    free_joint: Mapping[str, float] = field(default_factory=dict)
     places: Mapping[str, int] = field(default_factory=dict)
     keyframes: Mapping[str, FloatArray] = field(default_factory=dict)
     poses: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
@@ -126,6 +130,7 @@ def read_robot(
         root=root,
         root_body=root.find("body", name),
         floating=floats,
+        free_joint={} if free is None else _losses(model, free),
         places=_places(model, joints),
         keyframes={key: qpos[columns] for key, qpos in states.items()},
         poses=_poses(model, top, free, states) if alone else {},
@@ -191,6 +196,13 @@ def _free_joint(model: mujoco.MjModel, body: int) -> int | None:
 
 def _is_free(model: mujoco.MjModel, body: int) -> bool:
     return _free_joint(model, body) is not None
+
+
+def _losses(model: mujoco.MjModel, joint: int) -> dict[str, float]:
+    """What a joint's freedom is hampered by."""
+    dof = int(model.jnt_dofadr[joint])
+    fields = {name: getattr(model, f"dof_{name}") for name in _LOSSES}
+    return {name: float(values[dof]) for name, values in fields.items() if values[dof]}
 
 
 def _columns(model: mujoco.MjModel, joint: int) -> range:

@@ -412,6 +412,31 @@ class TestBase:
             np.testing.assert_array_equal(environment.physics.data.qpos, DOG_HOME)
             environment.step(np.zeros(8))
 
+    def test_carries_what_is_attached_to_it(self, tmp_path):
+        """Its pose is that of its own joints, whatever else moves on its back."""
+
+        class Flag(composer.Entity):
+            def _build(self):
+                self._root = mjcf.RootElement(model="flag")
+                body = self._root.worldbody.add("body")
+                body.add("joint", name="wave", ref=0.3)
+                body.add("geom", size=[0.02], pos=[0, 0, 0.1])
+
+            @property
+            def mjcf_model(self):
+                return self._root
+
+        walker = dog(tmp_path)
+        flag = Flag()
+        walker.attach(flag, walker.root_body.add("site", pos=[0, 0, 0.1]))
+        environment = composer.Environment(Drive(walker), random_state=0)
+        for _ in range(2):
+            environment.reset()
+            physics = environment.physics
+            np.testing.assert_array_equal(physics.bind(walker.observable_joints).qpos, DOG_HOME)
+            assert physics.bind(flag.mjcf_model.find("joint", "wave")).qpos == 0.3
+            environment.step([walker.action_for()])
+
     def test_upright_is_alive(self, tmp_path):
         walker = dog(tmp_path)
         environment = composer.Environment(Drive(walker), random_state=0)

@@ -160,6 +160,21 @@ class TestWhatIsTheRobot:
         assert not robot.floating
         assert attached(robot).model.nv == 8
 
+    def test_a_free_joint_keeps_what_hampers_it(self, tmp_path):
+        """As where a default class was meant for the hinges and reaches the free joint, too."""
+        text = DOG.replace('<freejoint name="root"/>', '<joint name="root" type="free"/>')
+        path = write(tmp_path, text)
+        assert dict(read_robot(path).free_joint) == {"damping": 0.05, "armature": 0.01}
+        cfg = IdealPdActuatorCfg(joint_names_expr=(".*_hip",), stiffness=25.0, damping=0.5)
+        environment = composer.Environment(Drive(MjcfWalker.from_file(path, cfg)), random_state=0)
+        environment.reset()
+        model = environment.physics.model
+        np.testing.assert_array_equal(model.dof_damping[:6], 0.05)
+        np.testing.assert_array_equal(model.dof_armature[:6], 0.01)
+        (walker,) = environment.task.walkers
+        np.testing.assert_array_equal(walker.get_pose(environment.physics)[0], [0, 0, 0.29])
+        assert dict(read_robot(write(tmp_path, DOG)).free_joint) == {}
+
     def test_nameless(self, tmp_path):
         robot = robot_of(
             tmp_path,
