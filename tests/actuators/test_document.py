@@ -1,18 +1,16 @@
-"""Every actuator of the specification's examples, in this library: each block compiles and works.
-
-The blocks on action terms, randomization and hardware parameters are tested with the modules that
-they are about.
-"""
+"""Every block of the specification's examples, in this library: each compiles and works."""
 
 from __future__ import annotations
 
 from itertools import pairwise
+from math import pi
 
 import numpy as np
 import pytest
 from dm_control import mjcf
 
 from walkerkit.actuators import (
+    MOTORS,
     ActuatorCmd,
     ActuatorGroup,
     BuiltinMotorActuatorCfg,
@@ -20,13 +18,21 @@ from walkerkit.actuators import (
     BuiltinVelocityActuatorCfg,
     DcMotorActuatorCfg,
     DelayedActuatorCfg,
+    ElectricActuator,
     IdealPdActuatorCfg,
     LearnedMlpActuatorCfg,
     XmlMotorActuatorCfg,
     XmlPositionActuatorCfg,
     XmlVelocityActuatorCfg,
+    gains_from_bandwidth,
+    parallel_linkage,
+    randomize_effort_limits,
+    randomize_pd_gains,
+    reflected_inertia_from_two_stage_planetary,
 )
 from walkerkit.actuators.networks.mlp import Mlp
+from walkerkit.tasks import JointPositionAction
+from walkerkit.walkers.drivetrain import Drivetrain
 
 LEG = """
 <body name="{side}_hip"><joint name="{side}_hip_pitch_joint" axis="0 1 0"/><geom size="0.06"/>
@@ -311,3 +317,91 @@ def test_humanoid():
     np.testing.assert_array_equal(model.dof_armature[dofs], armature)
     stiffness = [180.0] + 2 * [200.0, 180.0, 180.0, 150.0, 40.0, 40.0]
     np.testing.assert_array_equal(-model.actuator_biasprm[group.ctrl_ids, 1], stiffness)
+
+
+ROTOR_INERTIAS_7520_14 = (0.489e-4, 0.098e-4, 0.533e-4)
+GEARS_7520_14 = (1, 4.5, 1 + (48 / 22))
+ARMATURE_7520_14 = reflected_inertia_from_two_stage_planetary(ROTOR_INERTIAS_7520_14, GEARS_7520_14)
+ACTUATOR_7520_14 = ElectricActuator(
+    reflected_inertia=ARMATURE_7520_14, velocity_limit=32.0, effort_limit=88.0
+)
+
+
+def test_hardware_parameters_of_a_motor():
+    stiffness, damping = gains_from_bandwidth(ARMATURE_7520_14, 10 * 2 * pi, 2.0)
+    assert pytest.approx(0.0101775200413, abs=1e-12) == ARMATURE_7520_14
+    assert stiffness == pytest.approx(40.17923864, abs=1e-8)
+    assert damping == pytest.approx(2.557889775, abs=1e-9)
+    assert stiffness == pytest.approx(ARMATURE_7520_14 * (10 * 2 * pi) ** 2, rel=1e-12)
+    _, physics = works(
+        BuiltinPositionActuatorCfg(
+            joint_names_expr=(".*_hip_pitch_joint",),
+            stiffness=stiffness,
+            damping=damping,
+            effort_limit=ACTUATOR_7520_14.effort_limit,
+            armature=ACTUATOR_7520_14.reflected_inertia,
+        )
+    )
+    dof = physics.model.ptr.joint("left_hip_pitch_joint").dofadr[0]
+    assert physics.model.dof_armature[dof] == ARMATURE_7520_14
+
+
+def test_parallel_linkage_of_an_ankle():
+    motor = MOTORS["unitree_5020"].actuator()
+    gains = gains_from_bandwidth(motor.reflected_inertia, 10 * 2 * pi, 2.0)
+    (ankle,) = parallel_linkage([motor, motor])
+    assert ankle.reflected_inertia == 2 * motor.reflected_inertia
+    assert ankle.effort_limit == 2 * motor.effort_limit
+    group, _ = works(
+        BuiltinPositionActuatorCfg(
+            joint_names_expr=(".*_ankle_pitch_joint", ".*_ankle_roll_joint"),
+            stiffness=gains.stiffness * 2,
+            damping=gains.damping * 2,
+            effort_limit=ankle.effort_limit,
+            armature=ankle.reflected_inertia,
+        )
+    )
+    assert group.joint_names == of_both_legs(*ANKLES)
+
+
+def test_action_term():
+    root = mjcf.from_xml_string(HUMANOID)
+    cfg = IdealPdActuatorCfg(joint_names_expr=(".*",), stiffness=20.0, damping=1.0)
+    home = {"left_knee_joint": 0.4, "right_knee_joint": 0.4}
+    action = JointPositionAction(joint_names_expr=(".*",), scale=1.0, use_default_offset=True)
+    drivetrain = Drivetrain(root, cfg, action=action, default=home)
+    drivetrain.initialize(mjcf.Physics.from_mjcf_model(root))
+    drivetrain.reset(np.random.RandomState(0))
+    drivetrain.act(np.full(13, 0.25))
+    expected = [0.25 + home.get(name, 0.0) for name in drivetrain.group.joint_names]
+    np.testing.assert_allclose(drivetrain.command.position_target, expected, rtol=1e-15)
+
+
+def test_domain_randomization():
+    group, _ = works(
+        IdealPdActuatorCfg(joint_names_expr=(".*",), stiffness=20.0, damping=1.0, effort_limit=50.0)
+    )
+    (actuator,) = group.actuators
+    random_state = np.random.default_rng(0)
+    for _ in range(20):  # resets do not compound
+        randomize_pd_gains(
+            group,
+            kp_range=(0.8, 1.2),
+            kd_range=(0.8, 1.2),
+            joint_names_expr=(".*",),
+            distribution="uniform",
+            operation="scale",
+            random_state=random_state,
+        )
+        randomize_effort_limits(
+            group,
+            effort_limit_range=(0.7, 1.0),
+            joint_names_expr=(".*_hip_.*",),
+            operation="scale",
+            random_state=random_state,
+        )
+        for name, low, high in (("stiffness", 16, 24), ("damping", 0.8, 1.2)):
+            assert ((actuator.get(name) >= low) & (actuator.get(name) <= high)).all()
+    limits = dict(zip(actuator.joint_names, actuator.get("effort_limit"), strict=True))
+    for name, limit in limits.items():
+        assert 35 <= limit < 50 if "_hip_" in name else limit == 50
