@@ -157,8 +157,6 @@ def _attachable(path: Path, text: str) -> Any:
             delattr(root.compiler, name)
     for element in (root.visual, root.statistic, root.size):
         element.remove()
-    if root.option.cone not in (None, "elliptic"):
-        root.option.cone = None  # dm_control's arenas are elliptic
     if root.model == _UNNAMED:
         root.model = path.stem
     return root

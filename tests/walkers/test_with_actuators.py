@@ -173,6 +173,14 @@ class TestWhatItIs:
         bound = environment.physics.bind(walker.observable_joints)
         np.testing.assert_array_equal(seen[f"{prefix}joints_pos"][0], bound.qpos)
 
+    def test_what_was_worked_out_before_is_worked_out_anew(self):
+        walker = rodent.Rat()
+        assert any(element.joint.name == "knee_L" for element in walker.joint_actuators)
+        cfg = IdealPdActuatorCfg(joint_names_expr=("knee_.",), stiffness=0.01, damping=1e-5)
+        with_actuators(walker, cfg)
+        assert not any(element.is_removed for element in walker.joint_actuators)
+        assert set(walker.actuator_group.elements) <= set(walker.joint_actuators)
+
     def test_order_of_actions_is_that_of_the_model(self):
         walker = cmu_humanoid.CMUHumanoid()
         names = [joint.name for joint in walker.mjcf_model.find_all("joint")]
