@@ -137,19 +137,21 @@ def _normal_equations(
     equations = []
     for group in objective.grouped(cases):
         linearised = objective.linearised(cases[group])
-        for one, (_, move), near in zip(fits[group], moved[group], linearised, strict=True):
-            jacobian = _per_scale(one, near.changes, move)
+        for one, (_, move), (residual, changes) in zip(
+            fits[group], moved[group], linearised, strict=True
+        ):
+            jacobian = _jacobian(one, changes, move)
             weighted = jacobian * objective.weights(one.mean_square)
             flat = weighted.reshape(len(jacobian), -1)
             equations.append(
-                (flat @ jacobian.reshape(len(jacobian), -1).T, flat @ near.residual.ravel())
+                (flat @ jacobian.reshape(len(jacobian), -1).T, flat @ residual.ravel())
             )
     return equations
 
 
-def _per_scale(one: Fit, changes: FloatArray, move: FloatArray) -> FloatArray:
-    """(n_parameters, ...) changes per scale; zero for a perturbation that diverged."""
-    slope = (changes.T * (one.structure.scale / move)).T
+def _jacobian(one: Fit, changes: FloatArray, move: FloatArray) -> FloatArray:
+    """(n_parameters, rows, n_scored) per scale; zero for a perturbation that diverged."""
+    slope = changes * (one.structure.scale / move)[:, None, None]
     return np.where(np.isfinite(slope), slope, 0.0)
 
 
@@ -193,20 +195,14 @@ def covariance(objective: Objective, one: Fit) -> tuple[FloatArray, FloatArray]:
     """
     values, move = _perturbed(one)
     case = Case(structure=one.structure, values=np.vstack([one.values, values]))
-    (near,) = objective.linearised([case])
-    jacobian = _per_scale(one, near.changes, move)
+    ((residual, changes),) = objective.linearised([case])
+    jacobian = _jacobian(one, changes, move)
     weighted = jacobian * objective.weights(one.mean_square)
     normal = np.einsum("irc,jrc->ij", weighted, jacobian)
-    pull = np.einsum("irc,rc->ir", weighted, near.residual)
+    pull = np.einsum("irc,rc->ir", weighted, residual)
     scores = np.stack([np.bincount(objective.block, weights=row) for row in pull])
     blocks = scores.shape[1]
     inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
     meat = scores @ scores.T * (blocks / max(1, blocks - len(one.values)))
-    variance = inverse @ meat @ inverse
-    # What looks like the timestep's error is known at least as well as the bounds of its factor.
-    followed = _per_scale(one, near.followed, move)
-    spread = followed.T @ variance @ followed + np.diag(near.room**2 / 12)
-    gain = variance @ followed @ np.linalg.inv(spread)
-    variance -= gain @ followed.T @ variance
     scale = np.diag(one.structure.scale)
-    return scale @ variance @ scale, _sensitivity(one, normal)
+    return scale @ inverse @ meat @ inverse @ scale, _sensitivity(one, normal)

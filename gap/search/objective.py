@@ -40,23 +40,6 @@ class Case:
     values: FloatArray
 
 
-@dataclass(frozen=True, kw_only=True)
-class Linearised:
-    """The residual at some values and what some changes of the values make of it.
-
-    Attributes:
-        residual: (rows, n_scored).
-        changes: (n, rows, n_scored), NaN for what diverged.
-        followed: (n, k) changes of the factors of the numerical error that are not at a bound.
-        room: (k,) width between the bounds of those factors.
-    """
-
-    residual: FloatArray
-    changes: FloatArray
-    followed: FloatArray
-    room: FloatArray
-
-
 class Objective:
     """Recordings of one or several robots, compared with what structures predict.
 
@@ -114,32 +97,30 @@ class Objective:
         self._take_out_numerical_error(residual)
         return _per_case(residual, cases)
 
-    def linearised(self, cases: Sequence[Case]) -> list[Linearised]:
+    def linearised(self, cases: Sequence[Case]) -> list[tuple[FloatArray, FloatArray]]:
         """The residual of each case's first row, and what its other rows change of it.
 
-        Numerical errors follow the change as far as they are free to (Kaufman, BIT 15, 1975), and
-        not beyond: where they reach a bound the gap bends, and its slope ahead says nothing of
-        that behind.
+        Factors of the numerical error that are free follow the change (variable projection, Golub
+        and Pereyra, SIAM Journal on Numerical Analysis 10, 1973), and those at a bound stay: ahead,
+        where another reaches its bound, the gap bends, which says nothing of its slope here.
+
+        Returns:
+            Per case (rows, n_scored), and (n − 1, rows, n_scored) with NaN for what diverged.
         """
         found = []
         for residual in _per_case(self._as_simulated(cases), cases):
             changes, at = residual[1:] - residual[:1], residual[:1]
+            weights = self._numerical_weights(at)[0]
+            # The weights change with the gap that they are taken from.
+            reweighted = -2 * weights**2 * np.einsum("rc,trc->tc", at[0], changes)
             (factors,) = self._take_out_numerical_error(at)
-            weights = self.weights(self.mean_square(at[0]))
             low, high = np.array(_FACTORS[: len(factors)]).reshape(-1, 2).T
-            inside = (low < factors) & (factors < high)
-            free = self.numerical[inside]
-            along = np.einsum("c,irc,trc->ti", weights, free, changes)
+            free = self.numerical[(low < factors) & (factors < high)]
             size = np.einsum("c,irc,jrc->ij", weights, free, free)
-            followed = -along @ np.linalg.pinv(size, hermitian=True)
-            found.append(
-                Linearised(
-                    residual=at[0],
-                    changes=changes + np.einsum("ti,irc->trc", followed, free),
-                    followed=followed,
-                    room=(high - low)[inside],
-                )
-            )
+            pull = np.einsum("c,irc,trc->ti", weights, free, changes)
+            pull += np.einsum("tc,irc,rc->ti", reweighted, free, at[0])
+            followed = -pull @ np.linalg.pinv(size, hermitian=True)
+            found.append((at[0], changes + np.einsum("ti,irc->trc", followed, free)))
         return found
 
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
@@ -157,34 +138,28 @@ class Objective:
         return residual
 
     def _take_out_numerical_error(self, residual: FloatArray) -> FloatArray:
-        """Adds the multiples of the numerical changes that score best to each residual.
-
-        By coordinates, with each channel weighted by the gap that the factors so far leave in it.
-
-        Args:
-            residual: (n, rows, n_scored), changed in place.
+        """Adds the best multiples of the numerical changes to each (rows, n_scored) residual.
 
         Returns:
             (n, k) those factors.
         """
-        factors = np.zeros((len(residual), len(self.numerical)))
         if not self.numerical.any():
-            return factors
-        square = np.einsum("trc,trc->tc", residual, residual)
-        along = np.einsum("irc,trc->itc", self.numerical, residual)
+            return np.zeros((len(residual), len(self.numerical)))
+        weights = self._numerical_weights(residual)
         products = np.einsum("irc,jrc->ijc", self.numerical, self.numerical)
-        for _ in range(_SWEEPS):
-            slope = along + np.einsum("tj,ijc->itc", factors, products)
-            left = square + np.einsum("ti,itc->tc", factors, along + slope)
-            weights = 1 / (np.maximum(left, 0.0) + self.count * self.floor**2)
-            for i, (low, high) in enumerate(_FACTORS[: len(products)]):
-                slope = along[i] + np.einsum("tj,jc->tc", factors, products[i])
-                size = np.einsum("tc,c->t", weights, products[i, i])
-                step = np.einsum("tc,tc->t", weights, slope) / np.where(size > 0, size, 1.0)
-                factors[:, i] = np.clip(factors[:, i] - step, low, high)
+        size = np.einsum("tc,ijc->tij", weights, products)
+        along = np.einsum(
+            "tc,itc->ti", weights, np.einsum("irc,trc->itc", self.numerical, residual)
+        )
+        factors = _bounded_least_squares(size, -along)
         for factor, change in zip(factors.T, self.numerical, strict=True):
             residual += factor[:, None, None] * change
         return factors
+
+    def _numerical_weights(self, residual: FloatArray) -> FloatArray:
+        """(n, n_scored) by which the channels decide on the factors."""
+        weights: FloatArray = 1 / (self.count * (self.mean_square(residual) + self.floor**2))
+        return weights
 
     def grouped(self, cases: Sequence[Case]) -> list[slice]:
         """Consecutive cases whose residuals fit into memory together."""
@@ -231,6 +206,19 @@ class Objective:
         """(n_blocks, n_scored) measured samples."""
         present = np.isfinite(self.measured).astype(float)
         return np.stack([np.bincount(self.block, weights=column) for column in present.T], axis=1)
+
+
+def _bounded_least_squares(matrix: FloatArray, target: FloatArray) -> FloatArray:
+    """Minimises ½ xᵀAx − bᵀx within `_FACTORS`, (t, k, k) and (t, k) → (t, k), by coordinates."""
+    x = np.zeros_like(target)
+    # A trial that diverged has no weights; it stays at zero.
+    matrix, target = np.nan_to_num(matrix), np.nan_to_num(target)
+    for _ in range(_SWEEPS):
+        for i, (low, high) in enumerate(_FACTORS[: x.shape[1]]):
+            diagonal = matrix[:, i, i]
+            rest = target[:, i] - np.einsum("tj,tj->t", matrix[:, i], x) + diagonal * x[:, i]
+            x[:, i] = np.clip(rest / np.where(diagonal > 0, diagonal, 1.0), low, high)
+    return x
 
 
 def _per_case(residual: FloatArray, cases: Sequence[Case]) -> list[FloatArray]:

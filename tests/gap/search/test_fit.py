@@ -94,12 +94,6 @@ def sized(robot, *recordings):
     return replace(robot, excursions=excursions(robot, recordings, list(robot.joints)))
 
 
-def like_damping(one, tried):
-    """A numerical error that differs from 0.02 more damping than 0.25 by a ripple alone."""
-    ((more, true),) = one.residuals([Case(structure=tried, values=np.array([[0.27], [0.25]]))])
-    return (more - true + 3e-5 * np.sin(np.arange(len(true)))[:, None])[None]
-
-
 class TestStructure:
     def test_numbers_are_in_the_order_of_terms_places_parameters(self):
         robot = pendulum(knee=True)
@@ -322,39 +316,24 @@ class TestObjective:
     @pytest.mark.parametrize("factor", [1.5, -1.5], ids=["free", "at its bound"])
     def test_linearised_is_the_slope_of_the_residuals(self, factor):
         robot = pendulum()
-        one = objective(robot, [run(robot, 0.5, dof_damping=0.4)])
+        one = objective(robot, [run(robot, 0.5, dof_damping=0.4)], (POSITION, EFFORT))
         tried = structure([robot], viscous_friction=["hip"])
         values = np.array([[0.1], [0.1001], [-1e9]])
         case = Case(structure=tried, values=values)
         (residual,) = one.residuals([case])
-        # A timestep that would make up for two thirds of the gap, and for nothing where it cannot.
-        part = (one.block + np.arange(len(one.block)) % 3 > 0)[:, None]
-        one.numerical = np.stack([-residual[0] * part / factor, np.roll(residual[0], 40, axis=0)])
+        # A timestep that would make up for most of the gap, and for nothing where it cannot; what
+        # helps the position does not suit the effort.
+        part = -residual[0] * (np.arange(250) % 3 > 0)[:, None] * [1.0, 0.3]
+        one.numerical = np.stack([part / factor, np.roll(residual[0], 40, axis=0)])
         (corrected,) = one.residuals([case])
-        (near,) = one.linearised([case])
-        np.testing.assert_array_equal(near.residual, corrected[0])
+        ((at, changes),) = one.linearised([case])
+        np.testing.assert_array_equal(at, corrected[0])
         expected = corrected[1] - corrected[0]
-        np.testing.assert_allclose(near.changes[0], expected, atol=1e-3 * np.abs(expected).max())
         plain = residual[1] - residual[0]
-        assert (np.abs(plain - expected).max() > 0.1 * np.abs(plain).max()) == (factor > 0)
-        assert np.isnan(near.changes[1]).all()
-
-    def test_its_weights_make_it_the_slope_of_the_score(self):
-        robot = pendulum()
-        one = objective(robot, [run(robot, 0.5, dof_damping=0.4)], (POSITION, EFFORT))
-        tried = structure([robot], viscous_friction=["hip"])
-        case = Case(structure=tried, values=np.array([[0.1], [0.101]]))
-        # What helps the position harms the effort.
-        (residual,) = one.residuals([case])
-        one.numerical = np.stack([-residual[0] * [0.6, -0.2], np.roll(residual[0], 60, axis=0)])
-        (near,) = one.linearised([case])
-        square = one.mean_square(near.residual)
-        slope = np.sum(one.weights(square) * near.residual * near.changes[0]) / 1e-3
-        values = np.array([[0.1 - 1e-4], [0.1], [0.1 + 1e-4]])
-        (squares,) = one.mean_squares([Case(structure=tried, values=values)])
-        low, middle, high = one.score(squares)
-        assert middle == pytest.approx(one.score(square), abs=1e-12)
-        assert slope == pytest.approx((high - low) / 2e-4, rel=1e-3)
+        size = np.ptp(plain, axis=0)
+        np.testing.assert_allclose(changes[0] / size, expected / size, atol=1e-3)
+        assert (np.abs((plain - expected) / size).max() > 0.5) == (factor > 0)
+        assert np.isnan(changes[1]).all()
 
     def test_memory_is_bounded_by_grouping_cases(self):
         robot = pendulum()
@@ -455,7 +434,10 @@ class TestFit:
         recording = run(robot, dof_damping=0.35)
         one = objective(robot, [recording], floor=1e-5)
         tried = structure([sized(robot, recording)], viscous_friction=["hip"])
-        one.numerical = like_damping(one, tried)
+        ((more, true),) = one.residuals([Case(structure=tried, values=np.array([[0.27], [0.25]]))])
+        # Up to 0.28 the timestep can make up for too much damping, but for a ripple.
+        ripple = 3e-5 * np.sin(np.arange(len(true)))[:, None]
+        one.numerical = (more - true + ripple)[None]
         one.measured = one.measured + 1.5 * one.numerical[0]
         (found,) = fit(one, evaluate(one, [(tried, np.array([start]))]), iterations=20)
         assert found.values[0] == pytest.approx(0.25, abs=2e-3)
@@ -542,22 +524,6 @@ class TestCovariance:
         ratio = typical / spread
         assert ((ratio > 0.55) & (ratio < 1.6)).all(), ratio
         np.testing.assert_array_less(np.abs(np.mean(values, axis=0) - [0.25, 0]), 1.0 * spread)
-
-    def test_the_bounds_of_the_numerical_error_bound_it(self):
-        robot = pendulum()
-        recording = noisy(run(robot, dof_damping=0.35), np.random.default_rng(0), std=5e-3)
-        one = objective(robot, [recording], floor=1e-4)
-        tried = structure([sized(robot, recording)], viscous_friction=["hip"])
-        numerical = like_damping(one, tried)
-        (found,) = fit(one, evaluate(one, [(tried, np.array([0.25]))]))
-        alone = np.sqrt(covariance(one, found)[0][0, 0])
-        one.numerical = numerical
-        one.measured = one.measured + 1.5 * numerical[0]
-        at = replace(found, values=np.array([0.25]))
-        both = np.sqrt(covariance(one, at)[0][0, 0])
-        # Anywhere between factors 0 and 3, of which each is worth 0.02.
-        assert alone < 0.1 * both
-        assert both == pytest.approx(0.02 * 3 / np.sqrt(12), rel=0.1)
 
     def test_what_the_recordings_do_not_show_has_no_sensitivity(self):
         robot = pendulum()
