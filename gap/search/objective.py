@@ -100,9 +100,9 @@ class Objective:
     def linearised(self, cases: Sequence[Case]) -> list[tuple[FloatArray, FloatArray]]:
         """The residual of each case's first row, and what its other rows change of it.
 
-        Factors of the numerical error that are free follow the change (variable projection, Golub
-        and Pereyra, SIAM Journal on Numerical Analysis 10, 1973), and those at a bound stay: ahead,
-        where another reaches its bound, the gap bends, which says nothing of its slope here.
+        Numerical errors follow the change as far as they are free to (Kaufman, BIT 15, 1975), and
+        not beyond: where they reach a bound the gap bends, and its slope ahead says nothing of
+        that behind.
 
         Returns:
             Per case (rows, n_scored), and (n − 1, rows, n_scored) with NaN for what diverged.
@@ -111,16 +111,13 @@ class Objective:
         for residual in _per_case(self._as_simulated(cases), cases):
             changes, at = residual[1:] - residual[:1], residual[:1]
             weights = self._numerical_weights(at)[0]
-            # The weights change with the gap that they are taken from.
-            reweighted = -2 * weights**2 * np.einsum("rc,trc->tc", at[0], changes)
             (factors,) = self._take_out_numerical_error(at)
             low, high = np.array(_FACTORS[: len(factors)]).reshape(-1, 2).T
             free = self.numerical[(low < factors) & (factors < high)]
+            along = np.einsum("c,irc,trc->it", weights, free, changes)
             size = np.einsum("c,irc,jrc->ij", weights, free, free)
-            pull = np.einsum("c,irc,trc->ti", weights, free, changes)
-            pull += np.einsum("tc,irc,rc->ti", reweighted, free, at[0])
-            followed = -pull @ np.linalg.pinv(size, hermitian=True)
-            found.append((at[0], changes + np.einsum("ti,irc->trc", followed, free)))
+            follow = np.linalg.pinv(size, hermitian=True) @ along
+            found.append((at[0], changes - np.einsum("it,irc->trc", follow, free)))
         return found
 
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
