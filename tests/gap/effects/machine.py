@@ -1,6 +1,7 @@
 """The machine that the effects are planted in: a leg of two joints, stepped by hand."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -56,11 +57,38 @@ def commands(time):
     return np.stack([hip * (time > 0.2), 0.3 + knee * (time > 0.2)], axis=1)
 
 
+@dataclass
+class Now:
+    """One step of the machine, of hip and knee, as its parts find and leave it.
+
+    Attributes:
+        time: since the log's beginning, negative before it [s].
+        q, qd: at the joints.
+        target: position targets; controllers change them.
+        effort: what the drives make and report; drives change it.
+        extra: effort at the joints besides; gears change it.
+        friction: dry friction besides the model's; gears change it.
+    """
+
+    time: float
+    q: np.ndarray
+    qd: np.ndarray
+    target: np.ndarray
+    effort: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    extra: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    friction: np.ndarray = field(default_factory=lambda: np.zeros(2))
+
+
+Part = Callable[[Now], None]
+
+
 class Machine:
     """The real robot: the model stepped by hand, with what an effect plants in it.
 
     Attributes:
         model: the plain MuJoCo model, to be written to.
+        controller, drive, gear: parts of the robot that MuJoCo does not have, each called once a
+            step with a `Now` to change: before the drives, after them, and last.
         command_age, sensor_age: steps.
         applied: constant effort that no drive knows of, per joint.
         offset: of the encoders, which drive and log both see.
@@ -70,6 +98,9 @@ class Machine:
     def __init__(self, robot):
         self.robot = robot
         self.model = robot.spec.copy().compile()
+        self.controller: Part | None = None
+        self.drive: Part | None = None
+        self.gear: Part | None = None
         self.command_age = self.sensor_age = 0
         self.applied, self.offset, self.effort_factor = np.zeros(2), np.zeros(2), np.ones(2)
 
@@ -80,16 +111,32 @@ class Machine:
         steps = round(seconds / STEP)
         time = STEP * np.arange(steps)
         targets = commands(time)
+        dry = model.dof_frictionloss.copy()
         rows = []
         for k in range(-settle, steps):
-            now = commands(np.array([max(0, k - self.command_age) * STEP]))[0] - self.offset
-            for name, target in zip(JOINTS, now, strict=True):
+            now = Now(
+                time=k * STEP,
+                q=data.qpos.copy(),
+                qd=data.qvel.copy(),
+                target=commands(np.array([max(0, k - self.command_age) * STEP]))[0] - self.offset,
+            )
+            if self.controller is not None:
+                self.controller(now)
+            for name, target in zip(JOINTS, now.target, strict=True):
                 drive = self.robot.joints[name].drives[0]
                 data.ctrl[drive.ctrl] = drive.control(float(target))
-            data.qfrc_applied[:] = self.applied
-            q = data.qpos.copy()
+            mujoco.mj_step1(model, data)
+            mujoco.mj_fwdActuation(model, data)
+            native = data.qfrc_actuator.copy()
+            now.effort = native.copy()
+            if self.drive is not None:
+                self.drive(now)
+            if self.gear is not None:
+                self.gear(now)
+            model.dof_frictionloss[:] = dry + now.friction
+            data.qfrc_applied[:] = self.applied + now.effort - native + now.extra
             mujoco.mj_step(model, data)
-            rows.append(np.r_[q + self.offset, data.qfrc_actuator * self.effort_factor])
+            rows.append(np.r_[now.q + self.offset, now.effort * self.effort_factor])
         rows = np.array(rows)
         position, effort = np.split(rows, 2, axis=1)
         position = position[settle - self.sensor_age : settle - self.sensor_age + steps]
