@@ -53,6 +53,7 @@ def excursions(
             velocity=_peak(velocity),
             acceleration=_peak(acceleration),
             effort=max(measured or guessed),
+            duration=max(float(np.ptp(r.whole.time)) for r in logs),
         )
     return found
 

@@ -139,14 +139,20 @@ def _copy_asset(
 
 
 def _measurement(trials: Trials) -> dict[str, Measurement]:
-    return {
-        name: Measurement(
+    found = {}
+    for name in trials.robot.joints:
+        amplitude, periods, phase = map(float, trials.position_error[name][0])
+        found[name] = Measurement(
             position_delay=float(trials.position_delay[name][0]),
             effort_scale=float(trials.effort_scale[name][0]),
             effort_offset=float(trials.effort_offset[name][0]),
+            encoder_gain=float(trials.encoder_gain[name][0]),
+            error_amplitude=amplitude,
+            error_periods=periods,
+            error_phase=phase,
+            clock_skew=float(trials.clock_skew[name][0]),
         )
-        for name in trials.robot.joints
-    }
+    return found
 
 
 def _delay_commands(spec: mujoco.MjSpec, joint: Joint, delay: float) -> None:

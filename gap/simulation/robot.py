@@ -57,11 +57,20 @@ class Measurement:
         position_delay: age of the logged position and velocity [s].
         effort_scale: logged effort over the effort that reaches the joint.
         effort_offset: added to the logged effort [N·m].
+        encoder_gain: a, logged over true position and velocity [1].
+        error_amplitude, error_periods, error_phase: A sin(N q + φ) is added to the logged position
+            at q [rad, or m; per radian or metre; rad].
+        clock_skew: ε, what happens t after the log's first sample is stamped t (1 + ε) [1].
     """
 
     position_delay: float = 0.0
     effort_scale: float = 1.0
     effort_offset: float = 0.0
+    encoder_gain: float = 1.0
+    error_amplitude: float = 0.0
+    error_periods: float = 1.0
+    error_phase: float = 0.0
+    clock_skew: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +82,7 @@ class Excursion:
         velocity: peak speed [rad/s].
         acceleration: peak acceleration [rad/s²].
         effort: peak effort, as measured, else as commanded or as the servo would make it [N·m].
+        duration: of the longest recording [s].
     """
 
     lower: float = -1.0
@@ -80,6 +90,7 @@ class Excursion:
     velocity: float = 1.0
     acceleration: float = 10.0
     effort: float = 1.0
+    duration: float = 10.0
 
     @property
     def range(self) -> float:
