@@ -93,6 +93,8 @@ class Machine:
         applied: constant effort that no drive knows of, per joint.
         offset: of the encoders, which drive and log both see.
         effort_factor: logged over true effort.
+        shown: what the log shows of the joints' positions, of (..., 2) what the drives see.
+        clock: seconds of the log's clock per second, from the log's beginning.
     """
 
     def __init__(self, robot):
@@ -103,6 +105,8 @@ class Machine:
         self.gear: Part | None = None
         self.command_age = self.sensor_age = 0
         self.applied, self.offset, self.effort_factor = np.zeros(2), np.zeros(2), np.ones(2)
+        self.shown: Callable[[np.ndarray], np.ndarray] = np.array
+        self.clock = 1.0
 
     def log(self, seconds=4.0, seed=None):
         model = self.model
@@ -136,11 +140,17 @@ class Machine:
             model.dof_frictionloss[:] = dry + now.friction
             data.qfrc_applied[:] = self.applied + now.effort - native + now.extra
             mujoco.mj_step(model, data)
-            rows.append(np.r_[now.q + self.offset, now.effort * self.effort_factor])
+            rows.append(np.r_[self.shown(now.q + self.offset), now.effort * self.effort_factor])
         rows = np.array(rows)
         position, effort = np.split(rows, 2, axis=1)
         position = position[settle - self.sensor_age : settle - self.sensor_age + steps]
         effort = effort[settle:]
+        if self.clock != 1:
+            then = time / self.clock
+            position, effort = (
+                np.stack([np.interp(then, time, column) for column in columns.T], axis=1)
+                for columns in (position, effort)
+            )
         if seed is not None:
             rng = np.random.default_rng(seed)
             position = position + NOISE["position"] * rng.normal(size=position.shape)

@@ -54,6 +54,7 @@ class TestTorqueBias(EffectContract):
 
 class TestEffortLimit(EffectContract):
     name = "effort_limit"
+    idle = ("limit",)
     may_be_out_of_reach = True
 
     def plant(self, machine):

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from tests.gap.effects.contract import EffectContract
+from tests.gap.effects.machine import LEG, PLAIN
 from walkerkit.gap.effects import EVERYWHERE
 
 
@@ -21,3 +22,15 @@ class TestBaseTilt(EffectContract):
         mujoco.mju_rotVecQuat(gravity, np.array([0, 0, -9.81]), turn)
         machine.model.opt.gravity = gravity
         return {EVERYWHERE: [roll, pitch]}
+
+
+class TestEndStop(EffectContract):
+    name = "end_stop"
+    may_be_out_of_reach = True
+    idle = ("lower", "upper", "timeconst")
+
+    def plant(self, machine):
+        stops = 'name="knee" limited="true" range="-0.2 0.85" solreflimit="0.013 1"'
+        text = LEG.format(**PLAIN).replace('name="knee"', stops)
+        machine.model = mujoco.MjModel.from_xml_string(text)
+        return {"knee": [-0.2, 0.85, 0.013]}

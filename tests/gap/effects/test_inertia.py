@@ -17,3 +17,11 @@ class TestPayload(EffectContract):
     def plant(self, machine):
         machine.model.body("shank").mass += 0.21
         return {"shank": [0.21]}
+
+
+class TestComOffset(EffectContract):
+    name = "com_offset"
+
+    def plant(self, machine):
+        machine.model.body("shank").ipos += (0.013, -0.008, -0.024)
+        return {"shank": [0.013, -0.008, -0.024]}

@@ -5,6 +5,7 @@ from tests.gap.effects.contract import EffectContract
 
 class TestParallelSpring(EffectContract):
     name = "parallel_spring"
+    idle = ("springref",)
 
     def plant(self, machine):
         knee = machine.model.joint("knee")
