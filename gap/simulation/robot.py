@@ -20,6 +20,7 @@ import mujoco
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
 from walkerkit.gap.errors import InputError, closest, one_line
 from walkerkit.gap.recordings.manifest import is_callable
+from walkerkit.gap.simulation.wave import Wave, WaveForm
 
 _MEND = "Mend the MJCF until MuJoCo loads it."
 _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -83,6 +84,7 @@ class Excursion:
         acceleration: peak acceleration [rad/s²].
         effort: peak effort, as measured, else as commanded or as the servo would make it [N·m].
         duration: of the longest recording [s].
+        periods: the most prominent waves of its unexplained effort over its positions.
     """
 
     lower: float = -1.0
@@ -91,11 +93,16 @@ class Excursion:
     acceleration: float = 10.0
     effort: float = 1.0
     duration: float = 10.0
+    periods: tuple[Wave, ...] = ()
 
     @property
     def range(self) -> float:
         """Width of the positions [rad]."""
         return self.upper - self.lower
+
+    def waves(self, form: WaveForm) -> tuple[Wave, ...]:
+        """The waves of one form, the most prominent first."""
+        return tuple(wave for wave in self.periods if wave.form == form)
 
 
 @dataclass(frozen=True, kw_only=True)
