@@ -46,6 +46,8 @@ def excursions(
         # Without a measured effort: what was commanded, or what the model's servo would make.
         guessed = [_peak(inertia * acceleration)]
         for recording, state in zip(logs, states, strict=True):
+            commanded = recording.signal(joint, "effort_target")
+            guessed += [] if commanded is None else [_peak(commanded)]
             qpos, qvel = state.at(recording.time)
             made = nominal_effort(robot, recording, joint, qpos[:, 0], qvel[:, 0])
             guessed += [] if made is None else [_peak(made)]
@@ -63,4 +65,3 @@ def excursions(
 
 def _peak(values: FloatArray) -> float:
     return max(float(np.percentile(np.abs(values), _PEAK)), _SMALLEST)
-
