@@ -239,7 +239,12 @@ def _write_gravity(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Fie
     spec.option.gravity = wanted
 
 
+def _write_polynomial(element: Any, value: Field, angle: float) -> None:
+    element.damping[1:] = value
+
+
 _WRITERS: Mapping[str, Writer] = {
+    "dof_dampingpoly": _joint_writer(_write_polynomial, lambda joint: joint.dof),
     "dof_damping": _joint_writer(_set_first("damping"), lambda joint: joint.dof),
     "dof_frictionloss": _joint_writer(_set("frictionloss"), lambda joint: joint.dof),
     "dof_armature": _joint_writer(_set("armature"), lambda joint: joint.dof),
