@@ -1,5 +1,7 @@
 """Between the joint and its log."""
 
+import numpy as np
+
 from tests.gap.effects.contract import EffectContract
 
 
@@ -33,3 +35,12 @@ class TestClockSkew(EffectContract):
     def plant(self, machine):
         machine.clock = 1.004
         return {"*": [0.004]}
+
+
+class TestKinematicError(EffectContract):
+    name = "kinematic_error"
+    idle = ("periods", "phase")
+
+    def plant(self, machine):
+        machine.shown = lambda q: q + [0, 0.004] * np.sin(12 * q + 0.7)
+        return {"knee": [0.004, 12, 0.7]}
