@@ -37,6 +37,7 @@ class SetpointFilter(DrivetrainLaw):
     stage: ClassVar[Stage] = "controller"
     state: ClassVar[tuple[str, ...]] = ("target",)
     neutral: ClassVar[Mapping[str, float]] = {"time_constant": 0.0}
+    targets_only: ClassVar[bool] = True
     time_constant: Numbers = number(at_least=0)
 
     @staticmethod
@@ -59,6 +60,7 @@ class SlewLimit(DrivetrainLaw):
     stage: ClassVar[Stage] = "controller"
     state: ClassVar[tuple[str, ...]] = ("target",)
     neutral: ClassVar[Mapping[str, float]] = {"rate": 1e9}
+    targets_only: ClassVar[bool] = True
     rate: Numbers = number(above=0)
 
     @staticmethod
@@ -72,7 +74,9 @@ class SlewLimit(DrivetrainLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class SampleAndHold(DrivetrainLaw):
-    """Targets that the drive takes up every T only.
+    """Targets that the drive takes up every T only, at multiples of it.
+
+    Where that is within a step, the step has the mean of the target before and the one after.
 
     Attributes:
         period: T [s]; 0 takes up every one.
@@ -80,18 +84,22 @@ class SampleAndHold(DrivetrainLaw):
 
     name: ClassVar[str] = "sample_and_hold"
     stage: ClassVar[Stage] = "controller"
-    state: ClassVar[tuple[str, ...]] = ("target", "next")
+    state: ClassVar[tuple[str, ...]] = ("target",)
     neutral: ClassVar[Mapping[str, float]] = {"period": 0.0}
+    targets_only: ClassVar[bool] = True
     period: Numbers = number(at_least=0)
 
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        due = first(state["next"], step.time) <= step.time + _SAME_INSTANT
-        step.target = np.where(due, step.target, state["target"])
-        state["target"] = step.target
-        late = first(state["next"], step.time)
-        state["next"] = np.where(due, np.maximum(late, step.time - p["period"]) + p["period"], late)
+        period = np.maximum(p["period"], _SAME_INSTANT)
+        held = first(state["target"], step.target)
+        instant = np.ceil((step.time - _SAME_INSTANT) / period) * period
+        # The part of the step before it; all of it where there is none in this step.
+        before = np.clip((instant - step.time) / step.dt, 0.0, 1.0)
+        before = np.where(before > 1.0 - _SAME_INSTANT / step.dt, 1.0, before)
+        state["target"] = np.where(before < 1.0, step.target, held)
+        step.target = step.target + before * (held - step.target)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +125,8 @@ class ControllerDeadband(DrivetrainLaw):
 class IntegralAction(DrivetrainLaw):
     """An integrator beside the PD control: ki ∫(u − q) dt, held within its clamp.
 
+    Beyond the drive's own limit it does not wind up either.
+
     Attributes:
         gain: ki [N·m/(rad·s); N/(m·s)].
         clamp: the most that it adds [N·m; N].
@@ -134,7 +144,8 @@ class IntegralAction(DrivetrainLaw):
         """As in `DrivetrainLaw`."""
         before = np.where(np.isnan(state["effort"]), 0.0, state["effort"])
         error = np.where(step.stiffness > 0, step.target - step.q, 0.0)
-        added = np.clip(before + p["gain"] * error * step.dt, -p["clamp"], p["clamp"])
+        most = np.minimum(p["clamp"], step.limit)
+        added = np.clip(before + p["gain"] * error * step.dt, -most, most)
         state["effort"] = added
         step.effort = np.clip(step.effort + added, -step.limit, step.limit)
 

@@ -98,8 +98,19 @@ class DrivetrainLaw(abc.ABC):
         Args:
             step: written to.
             p: parameters, (n_joints,) or (n_sims, n_joints) each.
-            state: what it remembers, (..., n_joints) each, written to.
+            state: what it remembers, (..., n_joints) each, or (..., n_joints, depth) where it has
+                a `depth`; written to.
         """
+
+    @classmethod
+    def depth(cls, p: Parameters, dt: float) -> int | None:
+        """How many numbers of each kind it remembers of a joint; None for a single one.
+
+        Args:
+            p: parameters, (n_joints,) or (n_sims, n_joints) each.
+            dt: the step [s].
+        """
+        return None
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:

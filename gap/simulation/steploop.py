@@ -127,6 +127,7 @@ def law_arguments(
         "bank": LawBank(
             [(law, parameters[law]) for law in LAWS.values() if law in parameters],
             (n_sims, len(joints)),
+            float(model.opt.timestep),
         ),
     }
 
