@@ -10,6 +10,7 @@ recorded past commands; a trial that diverges predicts NaN.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -20,7 +21,9 @@ from walkerkit.actuators.drive import Drive
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
+from walkerkit.gap.simulation.gear_play import bend, loads
 from walkerkit.gap.simulation.reading import Reading
+from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.start import memory, rest, start_state
 from walkerkit.gap.simulation.steploop import law_arguments, rollout_with_laws
@@ -32,6 +35,8 @@ FloatArray = NDArray[np.float64]
 _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
 _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
 _CHUNK_BYTES = 2**28
+_MOST_REBUILT = 24  # robots kept for variants that need another compilation
+_APART = 0.01  # s; velocities so far apart tell the acceleration
 _RECORDS = {"position": "qpos", "velocity": "qvel", "effort": "qfrc_actuator"}
 
 
@@ -77,6 +82,23 @@ class _Group:
         for s, segment in enumerate(segments):
             for route in self.routes[s]:
                 self._fill(s, segment, route, segment.start + offsets)
+        joints = [robot.joints[name] for name in self.joints]
+        # A play that is measured itself starts as measured.
+        self.played = [j for j in joints if j.play is not None and j.play.name not in self.joints]
+        self.loads: FloatArray | None = None
+        if self.played:
+            self.loads = loads(robot, self.played, joints, self._measured_states())
+
+    def _measured_states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities, accelerations at the starts, (n_segments, n_joints) each."""
+        rows = []
+        for segment in self.segments:
+            state, time = self.states[id(segment.recording)], segment.recording.time
+            around = np.clip(segment.start + np.array([-_APART, 0, _APART]), time[0], time[-1])
+            qpos, qvel = state.at(around)
+            rows.append((qpos[1], qvel[1], (qvel[2] - qvel[0]) / (around[2] - around[0])))
+        qpos, qvel, qacc = (np.stack(parts) for parts in zip(*rows, strict=True))
+        return qpos, qvel, qacc
 
     def _fill(self, s: int, segment: Segment, route: Route, time: FloatArray) -> None:
         values = between_samples(segment.recording, route.column, time, self.hold)
@@ -116,6 +138,8 @@ class Replay:
         self.segments = tuple(segments)
         self.channels = tuple(channels)
         self.n_threads = n_threads
+        self._hold: Hold = hold
+        self._rebuilt: OrderedDict[Rebuild, tuple[Rebuilt, Replay]] = OrderedDict()
         lengths = [segment.last - segment.first for segment in segments]
         ends = np.cumsum(lengths)
         rows = [slice(int(e - n), int(e)) for e, n in zip(ends, lengths, strict=True)]
@@ -148,6 +172,35 @@ class Replay:
         Returns:
             (n, rows, channels) what the log would show; NaN where a simulation failed.
         """
+        predicted = np.full((trials.n, *self.measured.shape), np.nan)
+        for rebuild, rows in rebuilds(trials):
+            if rebuild.needed:
+                rebuilt, replay = self._on(rebuild)
+                predicted[rows] = replay.predict(rebuilt.trials(trials.rows(rows)))
+            else:
+                predicted[rows] = self._predict(trials.rows(rows))
+        return predicted
+
+    def _on(self, rebuild: Rebuild) -> tuple[Rebuilt, Replay]:
+        """The same segments on another robot; those used last are kept."""
+        found = self._rebuilt.pop(rebuild, None)
+        if found is None:
+            rebuilt = Rebuilt(rebuild, self.robot)
+            replay = Replay(
+                rebuilt.robot,
+                self.segments,
+                self.channels,
+                hold=self._hold,
+                n_threads=self.n_threads,
+            )
+            found = rebuilt, replay
+            while len(self._rebuilt) >= _MOST_REBUILT:
+                self._rebuilt.popitem(last=False)
+        self._rebuilt[rebuild] = found
+        return found
+
+    def _predict(self, trials: Trials) -> FloatArray:
+        """As `predict`, of variants that are simulated on this robot itself."""
         predicted = np.full((trials.n, *self.measured.shape), np.nan)
         model = self.robot.model
         for group in self._groups:
@@ -205,6 +258,8 @@ class Replay:
             ([joint.qpos for joint in joints], [joint.dof for joint in joints]),
         )
 
+        if group.loads is not None:
+            bend(state, model, fields, group.played, group.loads)
         record = sorted({"qpos", *(_RECORDS[channel.signal] for channel in self.channels)})
         batch = LockStep(
             model,

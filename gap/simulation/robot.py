@@ -18,12 +18,29 @@ from xml.etree import ElementTree
 import mujoco
 
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
+from walkerkit.actuators.play import play_joint
 from walkerkit.gap.errors import InputError, closest, one_line
 from walkerkit.gap.recordings.manifest import is_callable
 from walkerkit.gap.simulation.wave import Wave, WaveForm
 
 _MEND = "Mend the MJCF until MuJoCo loads it."
 _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Play:
+    """The joint between a motor's joint and its link (`walkerkit.actuators.play`).
+
+    Attributes:
+        name: its name in the model, may be empty.
+        id: joint id.
+        qpos, dof: address in qpos and qvel.
+    """
+
+    name: str
+    id: int
+    qpos: int
+    dof: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +53,7 @@ class Joint:
         qpos, dof: address in qpos and qvel.
         drives: its actuators.
         slide: True for a slide joint (m, N instead of rad, N·m).
+        play: what is between it and its link, where the model has play there.
     """
 
     name: str
@@ -44,6 +62,7 @@ class Joint:
     dof: int
     drives: tuple[Drive, ...]
     slide: bool
+    play: Play | None = None
 
     def drive(self, kind: TargetKind) -> Drive | None:
         """The actuator that takes targets of this kind, or None."""
@@ -230,11 +249,7 @@ def robot_from_spec(spec: mujoco.MjSpec, source: str) -> Robot:
             f"{source}: body {base!r} has a free joint; logs of a floating base are not supported "
             "yet. Hang the robot up for the recording and remove the free joint."
         )
-    joints = {
-        model.joint(j).name: _joint(model, j)
-        for j in range(model.njnt)
-        if model.jnt_type[j] in _SCALAR_JOINTS and model.joint(j).name
-    }
+    joints = scalar_joints(model)
     if not joints:
         raise InputError(f"{source}: the model has no named hinge or slide joint. Name its joints.")
     return Robot(source=source, spec=spec, model=model, joints=joints)
@@ -308,13 +323,30 @@ def _plain_names(text: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def scalar_joints(model: mujoco.MjModel) -> dict[str, Joint]:
+    """The hinge and slide joints of a model that have a name, in kinematic order."""
+    return {
+        model.joint(j).name: _joint(model, j)
+        for j in range(model.njnt)
+        if model.jnt_type[j] in _SCALAR_JOINTS and model.joint(j).name
+    }
+
+
 def _joint(model: mujoco.MjModel, joint: int) -> Joint:
-    name = model.joint(joint).name
+    play = play_joint(model, joint)
     return Joint(
-        name=name,
+        name=model.joint(joint).name,
         id=joint,
         qpos=int(model.jnt_qposadr[joint]),
         dof=int(model.jnt_dofadr[joint]),
         drives=drives_of_joint(model, joint),
         slide=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
+        play=None
+        if play is None
+        else Play(
+            name=model.joint(play).name,
+            id=play,
+            qpos=int(model.jnt_qposadr[play]),
+            dof=int(model.jnt_dofadr[play]),
+        ),
     )
