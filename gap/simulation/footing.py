@@ -1,9 +1,9 @@
 """How high a floating robot starts, so that the ground carries it as it was carried when measured.
 
 A foot that starts a millimetre too deep in stiff ground is thrown out of it, and one that starts a
-millimetre above it falls; but no base is measured that well, nor are legs, and a heavier or softer
-footed variant of the robot stands deeper. So every simulation starts at the height next to the
-measured one at which its ground gives what the motion of the measured centre of mass asks for.
+millimetre above it falls; but no floor, leg or base is measured that well, and a heavier or softer
+footed variant of the robot stands deeper. So the height is looked for at which the ground gives
+what the motion of the measured centre of mass asks for.
 
     footing = Footing(model, base)
     raised = footing.raised(batch, state, ctrl, fields, acceleration)     # (n_sims,) m
