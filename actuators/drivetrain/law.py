@@ -81,6 +81,9 @@ class DrivetrainLaw(abc.ABC):
     sizes: ClassVar[int] = 1
     reads_held: ClassVar[bool] = False
     """It reads `Step.held`."""
+    targets_only: ClassVar[bool] = False
+    """It reads and changes nothing but targets, by the time: what it makes of a whole series of
+    them can be known beforehand."""
 
     joint_names_expr: tuple[str, ...] = names()
 
@@ -111,6 +114,12 @@ class DrivetrainLaw(abc.ABC):
             dt: the step [s].
         """
         return None
+
+    @classmethod
+    def acts(cls, p: Parameters) -> bool:
+        """Some of these parameters let it do anything."""
+        sizes = cls.parameter_names()[: cls.sizes]
+        return any(bool((p[name] != cls.neutral[name]).any()) for name in sizes)
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:

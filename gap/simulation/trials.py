@@ -103,10 +103,18 @@ class Trials:
     @property
     def with_laws(self) -> NDArray[np.bool_]:
         """(n,) whether a law does anything in a variant."""
+        return self._acting(list(self.laws))
+
+    @property
+    def stepwise(self) -> NDArray[np.bool_]:
+        """(n,) whether a law does anything that cannot be known before the simulation."""
+        return self._acting([key for key in self.laws if not key[0].targets_only])
+
+    def _acting(self, laws: Sequence[tuple[type[DrivetrainLaw], str, str]]) -> NDArray[np.bool_]:
         active = np.zeros(self.n, dtype=bool)
-        for (law, _, name), values in self.laws.items():
+        for law, joint, name in laws:
             if name in law.parameter_names()[: law.sizes]:
-                active |= values != law.neutral[name]
+                active |= self.laws[law, joint, name] != law.neutral[name]
         return active
 
     def rows(self, rows: slice | NDArray[np.intp]) -> Trials:
