@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from walkerkit.gap.effects import EVERYWHERE
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.report.diagnosis import (
     Considered,
@@ -34,7 +36,14 @@ from walkerkit.gap.search.fit import Fit, covariance
 from walkerkit.gap.search.naming import Round
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Term
+from walkerkit.gap.simulation.mended import Mended, mended_by_name, only
 from walkerkit.gap.simulation.robot import Robot
+
+if TYPE_CHECKING:
+    from walkerkit.walkers import MjcfWalker
+    from walkerkit.walkers.actions import ActionTerm
+    from walkerkit.walkers.drivetrain import Randomization
+    from walkerkit.walkers.saved import SavedActuators
 
 FloatArray = NDArray[np.float64]
 
@@ -64,6 +73,58 @@ class Result:
         from walkerkit.gap.report.console import as_text
 
         return as_text(self.diagnosis)
+
+    @property
+    def mended(self) -> Mapping[str, Mended]:
+        """The mended robots by the names of their models, to go on with."""
+        return mended_by_name(self.robots)
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The mended model, compiled.
+
+        Raises:
+            ValueError: there are several; take one from `mended`, here and in the next two.
+        """
+        return only(self.mended).model
+
+    @property
+    def actuators(self) -> SavedActuators:
+        """What MJCF cannot say of it: actuator configs and drivetrain laws, ready for a walker."""
+        return only(self.mended).actuators
+
+    def walker(
+        self,
+        *,
+        name: str | None = None,
+        action: ActionTerm | Sequence[ActionTerm] | None = None,
+        home: str | Mapping[str, float] | ArrayLike | None = None,
+        floating: bool | None = None,
+        randomizations: Sequence[Randomization] = (),
+    ) -> MjcfWalker:
+        """A composer walker of the mended model, with its actuators; see `Mended.walker`."""
+        return only(self.mended).walker(
+            name=name,
+            action=action,
+            home=home,
+            floating=floating,
+            randomizations=randomizations,
+        )
+
+    def report(self, path: str | Path) -> Path:
+        """Writes the report.
+
+        Args:
+            path: the HTML file; one that is there is replaced.
+
+        Returns:
+            The file.
+        """
+        from walkerkit.gap.report.page import write_report
+
+        title = self.robots[0].stem
+        write_report(self.diagnosis, path, title=title, catalogue=CATALOGUE)
+        return Path(path)
 
     def save(self, folder: str | Path) -> Path:
         """Writes diagnosis.json, report.html, the mended models and actuators.json.
