@@ -40,6 +40,8 @@ def estimates(
                 std=float(np.sqrt(variance[i, i])) if known else None,
                 unit=slot.parameter.unit,
                 at_bound=at_bound,
+                lower=float(lower[i]),
+                upper=float(upper[i]),
             )
         )
     return tuple(found)

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.recordings.segments import cut
-from walkerkit.gap.report.diagnosis import Gap, GapSize, Location, Trace
-from walkerkit.gap.report.locate import locate
+from walkerkit.gap.report.diagnosis import Gap, GapMap, GapSize, Trace
+from walkerkit.gap.report.locate import gap_map
+from walkerkit.gap.report.regimes import regimes
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Half, Problem, channel_noise
 from walkerkit.gap.simulation.replay import Channel, Replay
@@ -102,34 +103,58 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
         )
 
     positions = [c for c in channels if c.signal == "position"]
-    signals = dict.fromkeys(c.signal for c in channels)
+    signals = dict.fromkeys(c.quantity for c in channels)
     return Gap(
         position=size(positions),
         horizon=problem.window,
         numerical_floor=_numerical_floor(problem, after),
         held_out=True,
         joints={c.joint: size([c]) for c in positions},
-        signals={name: size([c for c in channels if c.signal == name]) for name in signals},
+        signals={name: size([c for c in channels if c.quantity == name]) for name in signals},
     )
 
 
-def gap_with(problem: Problem, fit: Fit) -> float:
-    """Held-out position gap of a fit, numerical error and all."""
-    squares, count = 0.0, 0
-    for replay in problem.held.objective.replays:
-        predicted = replay.predict(fit.structure.trials(replay.robot, fit.values[None]))[0]
-        columns = [c for c, channel in enumerate(replay.channels) if channel.signal == "position"]
-        error = (predicted - replay.measured)[:, columns]
-        squares += float(np.nansum(np.square(error)))
-        count += int(np.isfinite(replay.measured[:, columns]).sum())
-    return float(np.sqrt(squares / count))
+def gaps_of(replayed: Replayed) -> dict[str, float]:
+    """The gap of every signal over all joints."""
+    channels = replayed.replays[0].channels
+    signals = dict.fromkeys(channel.quantity for channel in channels)
+    return {name: replayed.rms([c for c in channels if c.quantity == name]) for name in signals}
 
 
-def locations(problem: Problem, halves: Sequence[Replayed]) -> tuple[Location, ...]:
-    """Where the gap of some halves lives, as `locate` ranks it."""
-    replays = [replay for half in halves for replay in half.replays]
-    residuals = [residual for half in halves for residual in half.residuals()]
-    return locate(replays, residuals, problem.joints)
+def gaps_with(problem: Problem, fit: Fit) -> dict[str, float]:
+    """The held-out gap of every signal with a fit, numerical error and all."""
+    replays = tuple(problem.held.objective.replays)
+    predicted = (
+        replay.predict(fit.structure.trials(replay.robot, fit.values[None]))[0]
+        for replay in replays
+    )
+    return gaps_of(Replayed(replays=replays, predicted=tuple(predicted)))
+
+
+def gap_maps(
+    problem: Problem, before: Mapping[str, Replayed], after: Mapping[str, Replayed]
+) -> tuple[GapMap, ...]:
+    """Where the gaps of position and effort live, over all recordings.
+
+    Args:
+        problem: what the recordings are of.
+        before: both halves by name, with the model as it was given.
+        after: the same as it was mended.
+    """
+    replays = [replay for half in before.values() for replay in half.replays]
+    masks = [regimes(replay, problem.joints) for replay in replays]
+    residuals = [
+        [residual for half in which.values() for residual in half.residuals()]
+        for which in (before, after)
+    ]
+    found = []
+    for signal in ("position", "effort"):
+        channels = [c for c in replays[0].channels if c.signal == signal]
+        if channels:
+            old, new = (gap_map(masks, replays, r, problem.joints, signal) for r in residuals)
+            unit = unit_of(problem, channels)
+            found.append(GapMap(signal=signal, unit=unit, before=old, after=new))
+    return tuple(found)
 
 
 def traces(
@@ -162,6 +187,7 @@ def traces(
                 for c, channel in enumerate(replay.channels):
                     if np.isnan(replay.measured[rows, c]).all():
                         continue
+                    target = _target(replay, channel, name, time)
                     found.append(
                         Trace(
                             recording=name,
@@ -173,20 +199,25 @@ def traces(
                             measured=replay.measured[rows, c],
                             before=old[rows, c],
                             after=new[rows, c],
+                            target=target,
                         )
                     )
     return tuple(found)
 
 
+def _target(replay: Replay, channel: Channel, name: str, time: FloatArray) -> FloatArray | None:
+    """What was commanded of a signal at some instants of a recording."""
+    recording = next(s.recording for s in replay.segments if s.recording.name == name)
+    target = recording.columns.get(f"{channel.joint}/{channel.signal}_target")
+    return None if target is None else np.interp(time, recording.time, target)
+
+
 def unit_of(problem: Problem, channels: Sequence[Channel]) -> str:
+    """The unit of some channels of one signal; both where hinges and slides are among them."""
     """The unit of channels of one signal."""
-    slides = {problem.robots[0].joints[c.joint].slide for c in channels}
-    hinge, slide = {
-        "position": ("rad", "m"),
-        "velocity": ("rad/s", "m/s"),
-        "effort": ("N·m", "N"),
-    }[channels[0].signal]
-    return " and ".join(slide if is_slide else hinge for is_slide in sorted(slides))
+    joints = problem.robots[0].joints
+    slides = {not c.of_base and joints[c.joint].slide for c in channels}
+    return " and ".join(channels[0].unit(slide=slide) for slide in sorted(slides))
 
 
 def _numerical_floor(problem: Problem, after: Replayed) -> float:

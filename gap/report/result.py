@@ -11,31 +11,26 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.report.diagnosis import (
     Considered,
     Diagnosis,
     Gap,
-    NamedEffect,
-    NextExperiment,
     Verdict,
 )
-from walkerkit.gap.report.estimates import estimates
+from walkerkit.gap.report.locate import standing_out
+from walkerkit.gap.report.named import confusion_set, named_effects
 from walkerkit.gap.report.notes import notes
-from walkerkit.gap.report.planner import next_experiment
+from walkerkit.gap.report.planner import Plan, next_experiment
 from walkerkit.gap.report.replayed import (
-    Replayed,
+    gap_maps,
     gap_of,
-    gap_with,
-    locations,
     replay_half,
     traces,
 )
-from walkerkit.gap.search.fit import Fit, covariance
+from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.naming import Round
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Term
 from walkerkit.gap.simulation.mended import Mended, mended_by_name, only
 from walkerkit.gap.simulation.robot import Robot
 
@@ -60,14 +55,14 @@ class Result:
         robots: the mended robots, one per experiment.
         problem: the comparison it was found with.
         fit: the named effects with their values.
-        next_targets: the targets of the next experiment, where there is one.
+        following: the next experiment with its targets, where there is one.
     """
 
     diagnosis: Diagnosis
     robots: tuple[Robot, ...]
     problem: Problem
     fit: Fit
-    next_targets: Recording | None
+    following: Plan | None
 
     def __str__(self) -> str:
         from walkerkit.gap.report.console import as_text
@@ -167,17 +162,18 @@ def summarise(
     before = {half: replay_half(problem, half, problem.robots) for half in ("fit", "held")}
     after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
     gap = gap_of(problem, before["held"], after["held"])
-    effects = _effects(problem, rounds, after["held"])
+    effects = named_effects(problem, rounds, after["held"])
     verdict = _verdict(gap, bool(effects))
-    both = [before[half] for half in ("fit", "held")]
-    left = [after[half] for half in ("fit", "held")]
+    maps = gap_maps(problem, before, after)
+    position = next((one for one in maps if one.signal == "position"), None)
     everything = [r for half in (problem.fit, problem.held) for g in half.recordings for r in g]
-    following = _next_experiment(problem, rounds)
+    following = next_experiment(problem, confusion_set(rounds, _MOST_RIVALS))
     diagnosis = Diagnosis(
         verdict=verdict,
         gap=gap,
-        locations=locations(problem, both),
-        remaining=locations(problem, left) if verdict != "no_gap" else (),
+        locations=standing_out(position.before) if position else (),
+        remaining=standing_out(position.after) if position and verdict != "no_gap" else (),
+        maps=maps,
         effects=effects,
         considered=tuple(
             Considered(
@@ -193,7 +189,7 @@ def summarise(
             for number, one in enumerate(rounds, start=1)
             for candidate in one.candidates
         ),
-        next_experiment=following[0] if following else None,
+        next_experiment=following.experiment if following else None,
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
         notes=notes(problem, gap, effects, verdict, searched=searched),
         traces=traces(problem, before, after),
@@ -205,7 +201,7 @@ def summarise(
         robots=tuple(replace(robot, hold=problem.hold) for robot in mended),
         problem=problem,
         fit=final,
-        next_targets=following[1] if following else None,
+        following=following,
     )
 
 
@@ -214,61 +210,3 @@ def _verdict(gap: Gap, named: bool) -> Verdict:
     if named:
         return "explained" if gap.position.after <= _AT_FLOOR * floor else "partly_explained"
     return "no_gap" if gap.position.before <= _AT_FLOOR * floor else "unexplained"
-
-
-def _effects(problem: Problem, rounds: Sequence[Round], after: Replayed) -> tuple[NamedEffect, ...]:
-    """The terms of the final structure, with the round that named each."""
-    final = rounds[-1].fit
-    if not final.structure.terms:
-        return ()
-    variance, sensitivity = covariance(problem.fit.objective, final)
-    named = {one.named.effect.name: one for one in rounds if one.named is not None}
-    found = []
-    for count, term in enumerate(final.structure.terms, start=1):
-        one = named[term.effect.name]
-        last = count == len(final.structure.terms)
-        found.append(
-            NamedEffect(
-                effect=term.effect.name,
-                joints=() if term.effect.kind == "body" else _shown_joints(term),
-                bodies=term.sites if term.effect.kind == "body" else (),
-                confidence=one.confidence,
-                parameters=estimates(final, term, variance, sensitivity),
-                gap_after=after.rms(
-                    [c for c in after.replays[0].channels if c.signal == "position"]
-                )
-                if last
-                else gap_with(problem, one.fit),
-                indistinguishable_from=tuple(
-                    rival.structure.terms[-1].effect.name for rival in _rivals(one, final)
-                ),
-            )
-        )
-    return tuple(found)
-
-
-def _shown_joints(term: Term) -> tuple[str, ...]:
-    return (EVERYWHERE,) if term.shared else term.sites
-
-
-def _rivals(one: Round, final: Fit) -> list[Fit]:
-    """Fits that explained as well as the one that a round named, and were not named after it."""
-    present = {term.effect.name for term in final.structure.terms}
-    return [
-        candidate.fit
-        for candidate in one.candidates
-        if candidate.close and candidate.term.effect.name not in present
-    ]
-
-
-def _next_experiment(
-    problem: Problem, rounds: Sequence[Round]
-) -> tuple[NextExperiment, Recording] | None:
-    """For the first effect that has rivals, what would part them."""
-    final = rounds[-1].fit
-    kept = {term.effect.name for term in final.structure.terms}
-    for one in rounds:
-        rivals = _rivals(one, final)
-        if one.named is not None and one.named.effect.name in kept and rivals:
-            return next_experiment(problem, [one.fit, *rivals[:_MOST_RIVALS]])
-    return None
