@@ -30,7 +30,7 @@ class LawBank:
     ):
         self._shape = shape
         self._dt = dt
-        self._laws = list(laws)
+        self._laws = [(law, law.prepared(p, dt)) for law, p in laws]
         self._states: list[State] = [{} for _ in self._laws]
         self._of_stage: dict[Stage, list[tuple[type[DrivetrainLaw], Parameters, State]]] = {
             stage: [

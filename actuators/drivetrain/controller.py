@@ -10,12 +10,12 @@ import numpy as np
 
 from walkerkit.actuators.drivetrain.law import (
     DrivetrainLaw,
+    Lag,
     Parameters,
     Stage,
     State,
     Step,
     first,
-    lagged,
 )
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
@@ -26,7 +26,7 @@ _SAME_INSTANT = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetpointFilter(DrivetrainLaw):
+class SetpointFilter(Lag):
     """Targets that pass a first-order filter.
 
     Attributes:
@@ -43,9 +43,7 @@ class SetpointFilter(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.target, state["target"] = lagged(
-            state["target"], step.target, step.dt, p["time_constant"]
-        )
+        step.target, state["target"] = SetpointFilter.lagged(state["target"], step.target, p)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +149,7 @@ class IntegralAction(DrivetrainLaw):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VelocityFilter(DrivetrainLaw):
+class VelocityFilter(Lag):
     """Damping that acts on a filtered velocity: kd (q̇ − q̇ filtered) is missing from it.
 
     Attributes:
@@ -167,7 +165,7 @@ class VelocityFilter(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        filtered, state["qd"] = lagged(state["qd"], step.qd, step.dt, p["time_constant"])
+        filtered, state["qd"] = VelocityFilter.lagged(state["qd"], step.qd, p)
         step.effort = np.clip(
             step.effort + step.damping * (step.qd - filtered), -step.limit, step.limit
         )

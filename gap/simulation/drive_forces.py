@@ -45,6 +45,7 @@ class DriveForces:
         ctrl: its control.
         stiffness, damping, limit: of the joints' drives, (n_sims, n_joints); a limit is infinite
             where there is none.
+        filters: what lies between their controls and their gains, or None.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class DriveForces:
         self.ctrl = adjoining(controls)
         self._slope = np.array([drive.slope for drive in drives])
         self._offset = np.array([drive.offset for drive in drives])
-        self._shape = (n_sims, len(joints))
+        self._n_joints = len(joints)
 
         def field(name: str) -> FloatArray:
             own = fields.get(name)
@@ -85,26 +86,22 @@ class DriveForces:
         bounded = model.actuator_ctrllimited[controls].astype(bool)[:, None]
         bounds = np.where(bounded, model.actuator_ctrlrange[controls], [[-np.inf, np.inf]])
         self._bounds = (bounds[:, 0], bounds[:, 1]) if bounded.any() else None
-        self._filters = _Filters.of(model, ids)
+        self.filters = _Filters.of(model, ids)
 
-        self.stiffness, self.damping = np.zeros(self._shape), np.zeros(self._shape)
-        self.limit = np.full(self._shape, np.inf)
+        shape = (n_sims, len(joints))
+        self.stiffness, self.damping = np.zeros(shape), np.zeros(shape)
+        self.limit = np.full(shape, np.inf)
         self.stiffness[:, self.columns] = -self._per_position
         self.damping[:, self.columns] = -self._per_velocity
         self.limit[:, self.columns] = self._highest
 
     def targets(self, ctrl: FloatArray) -> FloatArray:
-        """The targets that controls ask for, (n_sims, n_joints); 0 where there is no drive.
+        """The targets that controls ask for, (..., n_joints); 0 where there is no drive.
 
         Args:
-            ctrl: (n_sims, n_drives).
+            ctrl: (..., n_drives).
         """
-        asked: FloatArray = (ctrl - self._offset) / self._slope
-        if asked.shape == self._shape:
-            return asked
-        targets = np.zeros(self._shape)
-        targets[:, self.columns] = asked
-        return targets
+        return self._of_joints((ctrl - self._offset) / self._slope)
 
     def moved(self, ctrl: FloatArray, by: FloatArray) -> FloatArray:
         """Controls that ask for targets elsewhere; the same bits where these have not moved.
@@ -116,32 +113,41 @@ class DriveForces:
         moved: FloatArray = ctrl + self._slope * by[:, self.columns]
         return moved
 
-    def effort(
-        self, ctrl: FloatArray, q: FloatArray, qd: FloatArray, act: FloatArray | None = None
-    ) -> FloatArray:
-        """Effort of each joint's drive, (n_sims, n_joints).
+    def asked(self, ctrl: FloatArray, act: FloatArray | None = None) -> FloatArray:
+        """The part of the efforts that goes with the controls, as these.
 
         Args:
-            ctrl: (n_sims, n_drives) controls.
-            q: (n_sims, n_joints) positions [rad; m].
-            qd: (n_sims, n_joints) velocities [rad/s; m/s].
-            act: (n_sims, na) activations, of a model that has any.
+            ctrl: (..., n_sims, n_drives) controls.
+            act: (n_sims, na) activations, of a model whose drives have some.
         """
         if self._bounds is not None:
             ctrl = np.minimum(np.maximum(ctrl, self._bounds[0]), self._bounds[1])
-        if self._filters is not None and act is not None:
-            ctrl = self._filters.passed(ctrl, act)
+        if self.filters is not None and act is not None:
+            ctrl = self.filters.passed(ctrl, act)
+        asked: FloatArray = self._per_control * ctrl + self._constant
+        return asked
+
+    def effort(self, asked: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
+        """Effort of each joint's drive, (n_sims, n_joints).
+
+        Args:
+            asked: (n_sims, n_drives) what `asked` says.
+            q: (n_sims, n_joints) positions [rad; m].
+            qd: (n_sims, n_joints) velocities [rad/s; m/s].
+        """
         at = self.columns
-        effort: FloatArray = self._per_control * ctrl + self._constant
-        effort += self._per_position * q[:, at]
+        effort = asked + self._per_position * q[:, at]
         effort += self._per_velocity * qd[:, at]
         np.maximum(effort, self._lowest, out=effort)
         np.minimum(effort, self._highest, out=effort)
-        if effort.shape == self._shape:
-            return effort
-        total = np.zeros(self._shape)
-        total[:, at] = effort
-        return total
+        return self._of_joints(effort)
+
+    def _of_joints(self, values: FloatArray) -> FloatArray:
+        if values.shape[-1] == self._n_joints:
+            return values
+        all_joints = np.zeros((*values.shape[:-1], self._n_joints))
+        all_joints[..., self.columns] = values
+        return all_joints
 
 
 class _Filters:

@@ -110,11 +110,13 @@ class Laws:
         if not self.of_targets:
             return ctrl
         bank, step, forces = LawBank(self.of_targets, self.shape, self.dt), self.step(), self.forces
-        changed = np.array(ctrl)
-        for k in range(ctrl.shape[1]):
-            control = ctrl[:, k, forces.ctrl]
+        controls = np.array(ctrl[..., forces.ctrl].swapaxes(0, 1), order="C")
+        targets = forces.targets(controls)
+        for k in range(len(controls)):
             step.time = time[:, None] + k * self.dt
-            step.target = target = forces.targets(control)
+            step.target = targets[k]
             bank.run("controller", step)
-            changed[:, k, forces.ctrl] = forces.moved(control, step.target - target)
+            controls[k] = forces.moved(controls[k], step.target - targets[k])
+        changed = np.array(ctrl)
+        changed[..., forces.ctrl] = controls.swapaxes(0, 1)
         return changed

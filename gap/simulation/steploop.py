@@ -64,12 +64,12 @@ def rollout_with_laws(
     """
     n_sims, n_steps = ctrl.shape[:2]
     bank, forces = laws.bank(), laws.forces
-    loop = _Loop(laws, bank, time)
+    loop = _Loop(laws, bank)
     qposes = adjoining([joint.qpos for joint in laws.joints])
     dofs = adjoining([joint.dof for joint in laws.joints])
     live_qpos, live_qvel = batch.live("qpos"), batch.live("qvel")
     live_ctrl, live_applied = batch.live("ctrl"), batch.live("qfrc_applied")
-    act = batch.live("act") if batch.model.na else None
+    act = None if forces.filters is None else batch.live("act")
     changed = np.zeros((n_sims, n_steps, len(laws.joints))) if bank.has("drive") else None
     held = batch.derived("qfrc_constraint") if bank.reads_held else None
     rubbing, rubbed = bank.has("joint"), False
@@ -81,7 +81,7 @@ def rollout_with_laws(
         nonlocal rubbed
         if held is not None:
             loop.step.held = held[:, dofs]
-        loop.run(k, ctrl[:, k], live_qpos[:, qposes], live_qvel[:, dofs], act)
+        loop.run(k, live_qpos[:, qposes], live_qvel[:, dofs], act)
         live_ctrl[...] = ctrl[:, k]
         if loop.control is not None:
             live_ctrl[:, forces.ctrl] = loop.control
@@ -99,9 +99,10 @@ def rollout_with_laws(
     # A variant that is about to diverge is not worth a warning.
     with np.errstate(all="ignore"):
         if past is not None:
-            steps = past.ctrl.shape[1]
-            for k in range(-steps, 0):
-                loop.warm(k, past.ctrl[:, k], past.q[:, k], past.qd[:, k])
+            loop.begin(past.ctrl, time - laws.dt * past.ctrl.shape[1])
+            for k in range(past.ctrl.shape[1]):
+                loop.warm(k, past.q[:, k], past.qd[:, k])
+        loop.begin(ctrl, time)
         return batch.step_by_step(state, n_steps, before, record=record), changed
 
 
@@ -114,44 +115,52 @@ class _Loop:
         changed: (n_sims, n_joints) what they changed of the effort that the drives report.
     """
 
-    def __init__(self, laws: Laws, bank: LawBank, time: FloatArray):
+    def __init__(self, laws: Laws, bank: LawBank):
         self._forces, self._bank = laws.forces, bank
-        self._start = time[:, None]
         self._controlling = bank.has("controller")
         self._behind = bank.has("drive") or bank.has("joint")
         self.step = laws.step()
         self.control: FloatArray | None = None
         self.changed = self.step.effort
+        self._start = self.step.time
+        self._controls = self._targets = self._asked = self.step.effort
 
-    def run(
-        self, k: int, ctrl: FloatArray, q: FloatArray, qd: FloatArray, act: FloatArray | None
-    ) -> None:
+    def begin(self, ctrl: FloatArray, time: FloatArray) -> None:
+        """Takes up the controls of the steps that follow, (n_sims, n_steps, nu), from a time on."""
+        self._start = time[:, None]
+        self._controls = np.ascontiguousarray(ctrl[..., self._forces.ctrl].swapaxes(0, 1))
+        self._targets = self._forces.targets(self._controls)
+        self._asked = self._forces.asked(self._controls)
+
+    def run(self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None) -> None:
         """Runs the laws for step k, (n_sims, ...) arrays each."""
-        made = self._driven(k, ctrl, q, qd, act)
+        made = self._driven(k, q, qd, act)
         if made is not None:
             self._bank.run("joint", self.step)
             self.changed = self.step.effort - made
 
-    def warm(self, k: int, ctrl: FloatArray, q: FloatArray, qd: FloatArray) -> None:
+    def warm(self, k: int, q: FloatArray, qd: FloatArray) -> None:
         """Lets the laws of controller and drive see a step of the past."""
-        self._driven(k, ctrl, q, qd, None)
+        self._driven(k, q, qd, None)
 
     def _driven(
-        self, k: int, ctrl: FloatArray, q: FloatArray, qd: FloatArray, act: FloatArray | None
+        self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None
     ) -> FloatArray | None:
         """Runs controller and drive; returns the effort made without laws of the drive."""
         step, forces = self.step, self._forces
         step.time = self._start + k * step.dt
         step.q, step.qd = q, qd
-        control = ctrl[:, forces.ctrl]
-        step.target = target = forces.targets(control)
+        step.target, asked = self._targets[k], self._asked[k]
         if self._controlling:
             self._bank.run("controller", step)
-            self.control = control = forces.moved(control, step.target - target)
+            self.control = forces.moved(self._controls[k], step.target - self._targets[k])
+            asked = forces.asked(self.control, act)
+        elif act is not None:
+            asked = forces.asked(self._controls[k], act)
         if not self._behind:
             return None
         step.extra.fill(0.0)
         step.friction.fill(0.0)
-        made = step.effort = forces.effort(control, q, qd, act)
+        made = step.effort = forces.effort(asked, q, qd)
         self._bank.run("drive", step)
         return made
