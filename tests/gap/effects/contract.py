@@ -36,12 +36,14 @@ class EffectContract:
 
     Attributes:
         name: the effect.
+        seconds: of the log in which it is to be found.
         may_be_out_of_reach: whether some of its starts may lie where the motion never gets.
         chosen: whether its values are chosen among its starts and not fitted.
         idle: parameters that mean nothing where there is nothing of the effect, such as a limit.
     """
 
     name = ""
+    seconds = 4.0
     may_be_out_of_reach = False
     chosen = False
     idle: tuple[str, ...] = ()
@@ -101,31 +103,37 @@ class EffectContract:
         robot, recording = request.getfixturevalue(variant)
         term = self.term(robot)
         structure = Structure((term,), (robot,))
+        rows, cases = [], []
         for place in term.places:
             columns = structure.columns(term, place)
-            seen = []
             starts = np.array([structure.slots[c].parameter.starts for c in columns]).T
             for start in starts:
-                values = np.tile(structure.zero, (len(columns) + 1, 1))
-                values[:, columns] = start
                 if self.chosen:  # from nothing to each start, instead of from there
                     values = np.tile(structure.zero, (2, 1))
                     values[1, columns] = start
-                for row, column in enumerate([] if self.chosen else columns, start=1):
-                    move = 0.02 * structure.scale[column]
-                    inside = values[row, column] + move <= structure.bounds[1][column]
-                    values[row, column] += move if inside else -move
-                predicted = replayed(robot, recording, structure.trials(robot, values))
-                changes = predicted[1:] - predicted[0]
-                assert np.isfinite(changes).all()
-                seen.append((np.abs(changes).max(axis=(1, 2)) > 1e-9).all())
-            assert any(seen) if self.may_be_out_of_reach else all(seen), (place, seen)
+                else:
+                    values = np.tile(structure.zero, (len(columns) + 1, 1))
+                    values[:, columns] = start
+                    for row, column in enumerate(columns, start=1):
+                        move = 0.02 * structure.scale[column]
+                        inside = values[row, column] + move <= structure.bounds[1][column]
+                        values[row, column] += move if inside else -move
+                cases.append((place, slice(len(rows), len(rows) + len(values))))
+                rows.extend(values)
+        predicted = replayed(robot, recording, structure.trials(robot, np.array(rows)))
+        seen = {place: [] for place in term.places}
+        for place, case in cases:
+            changes = predicted[case][1:] - predicted[case][0]
+            assert np.isfinite(changes).all()
+            seen[place].append((np.abs(changes).max(axis=(1, 2)) > 1e-9).all())
+        for place, found in seen.items():
+            assert any(found) if self.may_be_out_of_reach else all(found), (place, found)
 
     def test_planted_values_are_recovered(self, plain):
         robot, _ = plain
         machine = Machine(robot)
         truth = self.plant(machine)
-        recording = machine.log(seed=sum(map(ord, self.name)))
+        recording = machine.log(self.seconds, seed=sum(map(ord, self.name)))
         robot = replace(robot, excursions=excursions(robot, [recording], JOINTS))
         replay = Replay(robot, whole(recording), CHANNELS)
         floor = np.array([0.5 * NOISE[channel.signal] for channel in CHANNELS])
