@@ -15,6 +15,7 @@ from walkerkit.actuators.drivetrain.law import (
     Stage,
     State,
     Step,
+    clipped,
     first,
 )
 from walkerkit.actuators.fields import number
@@ -66,7 +67,7 @@ class SlewLimit(DrivetrainLaw):
         """As in `DrivetrainLaw`."""
         before = first(state["target"], step.target)
         most = p["rate"] * step.dt
-        step.target = before + np.clip(step.target - before, -most, most)
+        step.target = before + clipped(step.target - before, -most, most)
         state["target"] = step.target
 
 
@@ -94,7 +95,7 @@ class SampleAndHold(DrivetrainLaw):
         held = first(state["target"], step.target)
         instant = np.ceil((step.time - _SAME_INSTANT) / period) * period
         # The part of the step before it; all of it where there is none in this step.
-        before = np.clip((instant - step.time) / step.dt, 0.0, 1.0)
+        before = clipped((instant - step.time) / step.dt, 0.0, 1.0)
         before = np.where(before > 1.0 - _SAME_INSTANT / step.dt, 1.0, before)
         state["target"] = np.where(before < 1.0, step.target, held)
         step.target = step.target + before * (held - step.target)
@@ -143,9 +144,9 @@ class IntegralAction(DrivetrainLaw):
         before = np.where(np.isnan(state["effort"]), 0.0, state["effort"])
         error = np.where(step.stiffness > 0, step.target - step.q, 0.0)
         most = np.minimum(p["clamp"], step.limit)
-        added = np.clip(before + p["gain"] * error * step.dt, -most, most)
+        added = clipped(before + p["gain"] * error * step.dt, -most, most)
         state["effort"] = added
-        step.effort = np.clip(step.effort + added, -step.limit, step.limit)
+        step.effort = clipped(step.effort + added, -step.limit, step.limit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +167,6 @@ class VelocityFilter(Lag):
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
         filtered, state["qd"] = VelocityFilter.lagged(state["qd"], step.qd, p)
-        step.effort = np.clip(
+        step.effort = clipped(
             step.effort + step.damping * (step.qd - filtered), -step.limit, step.limit
         )

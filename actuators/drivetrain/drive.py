@@ -15,6 +15,7 @@ from walkerkit.actuators.drivetrain.law import (
     Stage,
     State,
     Step,
+    clipped,
 )
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
@@ -42,9 +43,9 @@ class TorqueSpeedLimit(DrivetrainLaw):
         stall = p["saturation_effort"]
         lost = stall * (step.qd / p["velocity_limit"])
         # Faster than V it can only brake, by no more than its stall torque.
-        high = np.clip(stall - lost, -stall, stall)
-        low = np.clip(-stall - lost, -stall, stall)
-        step.effort = np.clip(step.effort, low, high)
+        high = clipped(stall - lost, -stall, stall)
+        low = clipped(-stall - lost, -stall, stall)
+        step.effort = clipped(step.effort, low, high)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +157,7 @@ class SupplySag(DrivetrainLaw):
         # Where there is no limit there is none to fall; 0 · ∞ would say otherwise.
         limit = np.where(np.isfinite(step.limit), step.limit, 0.0) * left
         limit = np.where(np.isfinite(step.limit), limit, np.inf)
-        step.effort = np.clip(step.effort, -limit, limit)
+        step.effort = clipped(step.effort, -limit, limit)
 
 
 @dataclass(frozen=True, kw_only=True)
