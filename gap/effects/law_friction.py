@@ -166,32 +166,29 @@ class StribeckFriction(LawEffect):
         )
 
 
-class PreslidingFriction(LawEffect):
+class PreslidingFriction(JointEffect):
     """Bristles, seals or grease that bend before the joint slides; all its dry friction does."""
 
-    law = drivetrain.PreslidingFriction
-    dry = True
     name = "presliding_friction"
     equation = (
-        "τ = −σ₀ z, ż = q̇ − σ₀|q̇| z/Fc; Fc: frictionloss, more than the model's [N·m], "
-        "σ₀: bristle_stiffness [N·m/rad]"
+        "τ = −σ₀ z, ż = q̇ − σ₀|q̇| z/Fc, σ₀ = Fc/bend [N·m/rad]; bend: how far they bend [rad], "
+        "Fc: the model's dry friction and frictionloss [N·m]"
     )
     symptom = "hysteresis below breakaway"
     added_as = "joint frictionloss, and a drivetrain law in actuators.json"
     source = "Canudas de Wit, Olsson, Åström, Lischinsky (LuGre), IEEE TAC 40, 1995"
 
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Any joint."""
+        return True
+
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
-        """The friction to add, and the bristles' stiffness, up to what the timestep can resolve."""
+        """The friction to add, and how far the bristles of all of it bend; rigid ones do not."""
         joint, excursion = robot.joints[site], robot.excursion(site)
-        known = self.known(robot, site)["bristle_stiffness"]
-        size = 0.1 * excursion.effort
         own = float(robot.model.dof_frictionloss[joint.dof])
-        hardest = float(robot.model.dof_M0[joint.dof]) / robot.model.opt.timestep**2
-        zero = min(known, hardest)
-        softest = min(0.1 * size / excursion.range, 0.01 * zero)
-        added = (size, size, 4 * size, 4 * size)
-        bend = np.array([0.005, 0.03, 0.005, 0.03]) * excursion.range
-        stiffness = np.clip((own + np.array(added)) / bend, 2 * softest, 0.5 * hardest)
+        laws = robot.laws.get(site, {}).get(drivetrain.PreslidingFriction.name)
+        known = own / laws["bristle_stiffness"] if laws else 0.0
+        size, little, much = 0.1 * excursion.effort, 0.003 * excursion.range, 0.03 * excursion.range
         return (
             Parameter(
                 name="frictionloss",
@@ -199,15 +196,29 @@ class PreslidingFriction(LawEffect):
                 lower=-own,
                 upper=20 * size,
                 scale=size,
-                starts=added,
+                starts=(size, size, 4 * size, 4 * size),
             ),
             Parameter(
-                name="bristle_stiffness",
-                unit="N/m" if joint.slide else "N·m/rad",
-                zero=zero,
-                lower=softest,
-                upper=hardest,
-                scale=0.2 * float(stiffness.min()),
-                starts=tuple(map(float, stiffness)),
+                name="bend",
+                unit="m" if joint.slide else "rad",
+                zero=known,
+                lower=0.0,
+                upper=max(excursion.range, 2 * known),
+                scale=little,
+                starts=(little, much, little, much),
             ),
         )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Adds to `dof_frictionloss`, and softens it by the law."""
+        model, joint = trials.robot.model, trials.robot.joints[site]
+        changed = (values != [p.zero for p in self.parameters(trials.robot, site)]).any(axis=1)
+        friction = trials.field("dof_frictionloss")[:, joint.dof]
+        friction[changed] += values[changed, 0]
+        stiffen_dry_friction(trials, site, changed)
+        # Stiffer bristles than the timestep resolves would ring.
+        hardest = float(model.dof_M0[joint.dof]) / model.opt.timestep**2
+        stiffness = trials.law(drivetrain.PreslidingFriction, site)["bristle_stiffness"]
+        soft = changed & (values[:, 1] > 0) & (friction > 0)
+        stiffness[changed] = drivetrain.PreslidingFriction.neutral["bristle_stiffness"]
+        stiffness[soft] = np.minimum(friction[soft] / values[soft, 1], hardest)
