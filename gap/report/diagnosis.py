@@ -190,6 +190,25 @@ class NextExperiment:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Hint:
+    """A stopgap where no effect of the catalogue fits: it shrinks the gap and explains nothing.
+
+    Attributes:
+        title: what it is, e.g. `sparse formula at knee`.
+        statement: the formula, or what was learned, in a line.
+        signal: whose held-out gap the sizes are.
+        size: that gap without it and with it.
+        use: code to copy, or "".
+    """
+
+    title: str
+    statement: str
+    signal: str
+    size: GapSize
+    use: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Trace:
     """One joint of one recording, to be looked at.
 
@@ -232,6 +251,7 @@ class Diagnosis:
         seconds: wall time.
         searched: whether effects were looked for, or the gap was only measured.
         maps: where the gap of each signal lives, before and after; not in the JSON.
+        hints: stopgaps for what remains; not in the JSON.
     """
 
     verdict: Verdict
@@ -247,6 +267,7 @@ class Diagnosis:
     seconds: float
     searched: bool = True
     maps: tuple[GapMap, ...] = field(default=(), repr=False)
+    hints: tuple[Hint, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json, schema 1."""

@@ -39,6 +39,7 @@ _FEW = 4  # sites that a sentence lists
 _SHRUNK = 0.95  # a gap above this part of what it was has not visibly shrunk
 _PARTS_CLEARLY, _FAR = 3.0, 100  # standard deviations
 _MOST_SURE = 0.999
+_NORMAL_95, _INTERVAL_DIGITS = 1.96, 3
 
 
 def label(name: str) -> str:
@@ -101,6 +102,14 @@ def estimate(of: Estimate) -> tuple[str, str, str]:
     if of.at_bound:
         return text, unit, AT_BOUND
     return text, unit, "" if "±" in text else NOT_IDENTIFIABLE
+
+
+def interval(of: Estimate) -> str:
+    """The 95 % interval of an estimate, or "" where it is none."""
+    if of.at_bound or not of.std:
+        return ""
+    half = _NORMAL_95 * of.std
+    return " to ".join(span((of.value - half, of.value + half), of.unit, _INTERVAL_DIGITS))
 
 
 def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
