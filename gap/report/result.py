@@ -359,7 +359,7 @@ def _next_experiment(
     for one in rounds:
         rivals = _rivals(one, final)
         if one.named is not None and one.named.effect.name in kept and rivals:
-            return next_experiment(problem, [one.fit, *rivals[:_MOST_RIVALS]])
+            return next_experiment(problem, [one.candidates[0].fit, *rivals[:_MOST_RIVALS]])
     return None
 
 

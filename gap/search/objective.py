@@ -97,6 +97,10 @@ class Objective:
         self._take_out_numerical_error(residual)
         return _per_case(residual, cases)
 
+    def simulated(self, cases: Sequence[Case]) -> list[FloatArray]:
+        """As `residuals`, with the numerical error in them."""
+        return _per_case(self._as_simulated(cases), cases)
+
     def linearised(self, cases: Sequence[Case]) -> list[tuple[FloatArray, FloatArray]]:
         """The residual of each case's first row, and what its other rows change of it.
 
