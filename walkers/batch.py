@@ -100,6 +100,32 @@ class LockStep:
         """
         return self._batch.expand(name)  # type: ignore[no-any-return]
 
+    def derived(self, name: str) -> FloatArray:
+        """A field that MuJoCo derives from the state, (n_sims, *shape), as of the last step.
+
+        Args:
+            name: for instance `qfrc_constraint`.
+        """
+        return self._batch.bind(name)  # type: ignore[no-any-return]
+
+    def forward(self, state: FloatArray, *, ctrl: FloatArray, name: str) -> FloatArray:
+        """A field that MuJoCo derives from a state, without advancing it.
+
+        Args:
+            state: (n_sims, nstate) rows of `mjSTATE_INTEGRATION`.
+            ctrl: (n_sims, nu) controls.
+            name: for instance `qfrc_constraint`.
+
+        Returns:
+            (n_sims, *shape) its values.
+        """
+        field = self._batch.bind(name)
+        self._batch.state[...] = state
+        self._batch.bind("ctrl")[...] = ctrl
+        with _without_warnings():
+            self._batch.forward()
+        return np.array(field)
+
     def rollout(
         self,
         state: FloatArray,

@@ -54,3 +54,8 @@ class LawBank:
     def has(self, stage: Stage) -> bool:
         """There is a law of this stage."""
         return bool(self._of_stage[stage])
+
+    @property
+    def reads_held(self) -> bool:
+        """A law reads what the constraints did in the last step."""
+        return any(law.reads_held for law, _ in self._laws)

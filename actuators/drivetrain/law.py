@@ -40,6 +40,9 @@ class Step:
         effort: effort of the drive, as it would report it [N·m; N]; laws of the drive replace it.
         extra: effort at the joint besides, which no drive reports [N·m; N].
         friction: dry friction besides what the model has [N·m; N].
+        dry: dry friction that the model has [N·m; N].
+        held: what MuJoCo's constraints, dry friction among them, did to the joint in the last step
+            [N·m; N]; zero where no law reads it.
     """
 
     dt: float
@@ -53,6 +56,8 @@ class Step:
     effort: FloatArray
     extra: FloatArray
     friction: FloatArray
+    dry: FloatArray
+    held: FloatArray
 
 
 Parameters = Mapping[str, FloatArray]
@@ -74,6 +79,8 @@ class DrivetrainLaw(abc.ABC):
     neutral: ClassVar[Mapping[str, float]]
     """Parameters at which it does nothing; those after the first `sizes` are idle there."""
     sizes: ClassVar[int] = 1
+    reads_held: ClassVar[bool] = False
+    """It reads `Step.held`."""
 
     joint_names_expr: tuple[str, ...] = names()
 

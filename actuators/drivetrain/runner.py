@@ -75,6 +75,7 @@ class LawRunner:
         self._qposes = model.jnt_qposadr[group.joint_ids].astype(np.intp)
         self._qpos, self._qvel = simulation.state("qpos"), simulation.state("qvel")
         self._applied = simulation.state("qfrc_applied")
+        self._held = simulation.state("qfrc_constraint") if self._bank.reads_held else None
         self._dry = simulation.parameter("dof_frictionloss")
         if self._dry_of is not model:
             self._own_dry = model.dof_frictionloss[self._dofs].copy()
@@ -136,6 +137,8 @@ class LawRunner:
             effort=zeros,
             extra=zeros.copy(),
             friction=zeros.copy(),
+            dry=self._own_dry,
+            held=zeros if self._held is None else self._held[..., self._dofs],
         )
         if self._bank.has("controller") and cmd.position_target is not None:
             self._bank.run("controller", step)

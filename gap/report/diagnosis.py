@@ -68,12 +68,14 @@ class Location:
         regime: when, e.g. `velocity_reversal`.
         share: part of the squared gap of all joints that falls there.
         lift: that part over the part of the samples.
+        rms: root-mean-square gap there, in the joint's unit; not in the JSON.
     """
 
     joint: str
     regime: str
     share: float
     lift: float
+    rms: float = float("nan")
 
 
 @dataclass(frozen=True, kw_only=True)

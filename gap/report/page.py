@@ -24,8 +24,8 @@ import plotly.offline
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.report import figures, wording
 from walkerkit.gap.report.diagnosis import Considered, Diagnosis, GapSize, NamedEffect, Trace
-from walkerkit.gap.report.locate import EVERYWHERE as EVERY_REGIME
 from walkerkit.gap.report.quantity import percent, quantity
+from walkerkit.gap.report.regimes import EVERYWHERE as EVERY_REGIME
 
 _ASSETS = files("walkerkit.gap.report") / "assets"
 _SHOWN = 8  # candidates of a round that are not folded away

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from walkerkit.gap.report.diagnosis import Diagnosis, Estimate, Gap, GapSize, Location, NamedEffect
-from walkerkit.gap.report.locate import EVERYWHERE as EVERY_REGIME
 from walkerkit.gap.report.quantity import estimate_text, percent, quantity, span
+from walkerkit.gap.report.regimes import EVERYWHERE as EVERY_REGIME
 
 EVERYWHERE = "*"
 AT_BOUND = "at its bound"

@@ -139,14 +139,20 @@ def _copy_asset(
 
 
 def _measurement(trials: Trials) -> dict[str, Measurement]:
-    return {
-        name: Measurement(
+    found = {}
+    for name in trials.robot.joints:
+        amplitude, periods, phase = map(float, trials.position_error[name][0])
+        found[name] = Measurement(
             position_delay=float(trials.position_delay[name][0]),
             effort_scale=float(trials.effort_scale[name][0]),
             effort_offset=float(trials.effort_offset[name][0]),
+            encoder_gain=float(trials.encoder_gain[name][0]),
+            error_amplitude=amplitude,
+            error_periods=periods,
+            error_phase=phase,
+            clock_skew=float(trials.clock_skew[name][0]),
         )
-        for name in trials.robot.joints
-    }
+    return found
 
 
 def _delay_commands(spec: mujoco.MjSpec, joint: Joint, delay: float) -> None:
@@ -183,6 +189,10 @@ def _set_angle(name: str) -> SetJoint:
     return lambda element, value, angle: setattr(element, name, value / angle)
 
 
+def _set_limited(element: Any, value: float, angle: float) -> None:
+    element.limited = int(value)
+
+
 def _set_first(name: str) -> SetJoint:
     """Of a polynomial's coefficients the first."""
 
@@ -206,19 +216,23 @@ def _actuator_writer(name: str) -> Writer:
     return writer
 
 
-def _write_mass(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
-    compiler = spec.compiler
-    bodies = np.flatnonzero(wanted != before)
-    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    if compiler.inertiafromgeom == always or compiler.settotalmass > 0:
-        # These would undo the change, so all bodies say what they have come to.
-        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
-        compiler.settotalmass = -1
-        bodies = np.flatnonzero(before)
-    for body in bodies:
-        element = _by_id(spec.bodies, int(body))
-        state_inertia(element, robot.model)
-        element.mass = wanted[body]
+def _inertial_writer(name: str) -> Writer:
+    def writer(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+        compiler = spec.compiler
+        always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        if compiler.inertiafromgeom == always or compiler.settotalmass > 0:
+            # These would undo the change, so all bodies say what they have come to.
+            compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+            compiler.settotalmass = -1
+            for body in np.flatnonzero(robot.model.body_mass):
+                state_inertia(_by_id(spec.bodies, int(body)), robot.model)
+        for body in np.flatnonzero((wanted != before).reshape(len(wanted), -1).any(axis=1)):
+            element = _by_id(spec.bodies, int(body))
+            if not element.explicitinertial:
+                state_inertia(element, robot.model)
+            setattr(element, name, wanted[body])
+
+    return writer
 
 
 def _write_gravity(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
@@ -232,10 +246,13 @@ _WRITERS: Mapping[str, Writer] = {
     "dof_solref": _joint_writer(_set("solref_friction"), lambda joint: joint.dof),
     "dof_solimp": _joint_writer(_set("solimp_friction"), lambda joint: joint.dof),
     "jnt_stiffness": _joint_writer(_set_first("stiffness"), lambda joint: joint.id),
+    "jnt_limited": _joint_writer(_set_limited, lambda joint: joint.id),
     "jnt_range": _joint_writer(_set_angle("range"), lambda joint: joint.id),
+    "jnt_solref": _joint_writer(_set("solref_limit"), lambda joint: joint.id),
     "qpos0": _joint_writer(_set_angle("ref"), lambda joint: joint.qpos),
     "qpos_spring": _joint_writer(_set_angle("springref"), lambda joint: joint.qpos),
-    "body_mass": _write_mass,
+    "body_mass": _inertial_writer("mass"),
+    "body_ipos": _inertial_writer("ipos"),
     "opt.gravity": _write_gravity,
     **{
         f"actuator_{name}": _actuator_writer(name)

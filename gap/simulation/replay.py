@@ -10,7 +10,7 @@ recorded past commands; a trial that diverges predicts NaN.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from walkerkit.actuators.drive import Drive
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
+from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.start import memory, rest, start_state
 from walkerkit.gap.simulation.steploop import law_arguments, rollout_with_laws
@@ -53,8 +54,12 @@ class _Group:
         self.segments = segments
         self.rows = rows
         step = robot.model.opt.timestep
-        longest = max(segment.duration for segment in segments)
-        self.steps = int(np.ceil(longest / step - 1e-6)) + 1
+        self.durations = np.array([segment.duration for segment in segments])
+        # Since the log's beginning, when its clock was right.
+        self.elapsed = np.array(
+            [segment.start - float(segment.recording.whole.time[0]) for segment in segments]
+        )
+        self.steps = int(np.ceil(self.durations.max() / step - 1e-6)) + 1
         self.memory = memory(robot.model)
         self.past = int(np.ceil(_LONGEST_DELAY / step)) + self.memory
         self.joints = segments[0].recording.joints
@@ -161,24 +166,33 @@ class Replay:
         model, n, n_segments = self.robot.model, trials.n, len(group.segments)
         step = model.opt.timestep
         joints = [self.robot.joints[name] for name in group.joints]
-        delay = np.stack([trials.position_delay[joint.name] for joint in joints], axis=1)
+        delay, rate = _clocks(trials, group.joints)
+        prompt = (1 - rate) * group.elapsed[:, None]  # how late the log is but for its delays
+        behind = prompt + rate * delay
         # The oldest joint's log at the segment's start shows the robot this much earlier. Whole
         # steps, so that controls change when they changed and efforts are read when they were.
-        lead = step * np.ceil(delay.max(axis=1) / step - 1e-9)
-        steps = group.steps + round(lead.max() / step)
+        lead = step * np.ceil(np.maximum(behind.max(axis=2), 0) / step - 1e-9)
+        early = ((rate - 1) * group.durations[:, None] - prompt).max()
+        steps = group.steps + round(lead.max() / step) + int(np.ceil(max(early, 0) / step - 1e-9))
 
-        qpos, qvel = self._initial_state(group, delay - lead[:, None])
+        first_shown = self._initial_state(group, (behind - lead[..., None]) / rate)
+        readings = [_reading(trials, name) for name in group.joints]
+        first = [
+            reading.joint(first_shown[0][..., [k]], first_shown[1][..., [k]])
+            for k, reading in enumerate(readings)
+        ]
+        qpos, qvel = (np.concatenate(parts, axis=2) for parts in zip(*first, strict=True))
         fields = dict(trials.fields)
         lawful = bool(trials.with_laws.any())
-        shift = np.tile(lead[:, None], model.nu)
+        shift = np.tile(lead[..., None], model.nu)
         for index, (name, drive) in group.drives.items():
-            shift[:, index] += trials.command_delay[name]
+            shift[..., index] += trials.command_delay[name][:, None]
             later = (trials.command_delay[name] != 0) | lawful
             if model.actuator_delay[drive.actuator] and later.any():
                 # As one delay: two interpolations between steps would smooth twice. And laws have
                 # to see what the drive sees.
                 own = fields.get("actuator_delay", trials.own("actuator_delay")).copy()
-                shift[later, index] += own[later, drive.actuator]
+                shift[later, :, index] += own[later, drive.actuator, None]
                 own[later, drive.actuator] = 0
                 fields["actuator_delay"] = own
         remembered = group.memory
@@ -191,7 +205,7 @@ class Replay:
             ([joint.qpos for joint in joints], [joint.dof for joint in joints]),
         )
 
-        record = sorted({_RECORDS[channel.signal] for channel in self.channels})
+        record = sorted({"qpos", *(_RECORDS[channel.signal] for channel in self.channels)})
         batch = LockStep(
             model,
             n * n_segments,
@@ -230,19 +244,23 @@ class Replay:
                 scale = trials.effort_scale[joint.name][:, None, None]
                 offset = trials.effort_offset[joint.name][:, None, None]
                 # Effort is recorded as of the beginning of a step, the state as of its end.
-                series, age = series[..., joint.dof], lead
+                series, age = series[..., joint.dof], lead - prompt[..., k]
                 if applied is not None:  # the same drive makes it, so its log shows it
                     series = series + applied[..., joint.dof]
                 if changed is not None:
                     series = series + changed[..., k]
                 series = scale * series + offset
             else:
-                column = joint.qpos if channel.signal == "position" else joint.dof
-                first = (qpos if channel.signal == "position" else qvel)[:, :, k, None]
-                series = np.concatenate([first, series[..., column]], axis=2)
-                age = lead - delay[:, k]
+                place = np.concatenate([qpos[..., [k]], records["qpos"][..., joint.qpos]], axis=2)
+                if channel.signal == "position":
+                    series = readings[k].position(place)
+                else:
+                    speed = np.concatenate([qvel[..., [k]], series[..., joint.dof]], axis=2)
+                    series = readings[k].velocity(place, speed)
+                age = lead - behind[..., k]
             for s, span in enumerate(group.rows):
-                out[:, span, c] = _at(series[:, s], (self.time_of_row[span] + age[:, None]) / step)
+                at = rate[:, 0, [k]] * self.time_of_row[span] + age[:, [s]]
+                out[:, span, c] = _at(series[:, s], at / step)
         return out
 
     def _applied(
@@ -253,23 +271,39 @@ class Replay:
             return None
         step = self.robot.model.opt.timestep
         nv = self.robot.model.nv
-        applied = _delayed(group.applied, group.past, steps, np.tile(lead[:, None] / step, nv))
+        applied = _delayed(group.applied, group.past, steps, np.tile(lead[..., None] / step, nv))
         applied = np.array(applied)
         for name in group.joints:
             applied[..., self.robot.joints[name].dof] /= trials.effort_scale[name][:, None, None]
         return applied
 
     def _initial_state(self, group: _Group, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Measured states at each segment's start, (n, n_segments, n_joints), shifted per joint."""
-        n, n_joints = shift.shape
-        qpos = np.empty((n, len(group.segments), n_joints))
+        """Measured states at each segment's start, shifted by (n, n_segments, n_joints) [s]."""
+        qpos = np.empty(shift.shape)
         qvel = np.empty_like(qpos)
         for s, segment in enumerate(group.segments):
             state = group.states[id(segment.recording)]
-            for k in range(n_joints):
-                q, v = state.at(segment.start + shift[:, k])
+            for k in range(shift.shape[2]):
+                q, v = state.at(segment.start + shift[:, s, k])
                 qpos[:, s, k], qvel[:, s, k] = q[:, k], v[:, k]
         return qpos, qvel
+
+
+def _clocks(trials: Trials, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Delays of the logged positions [s], and seconds per second on the log's clock.
+
+    Both are (n, 1, n_joints).
+    """
+    delay = np.stack([trials.position_delay[name] for name in joints], axis=1)
+    skew = np.stack([trials.clock_skew[name] for name in joints], axis=1)
+    return delay[:, None], 1 / (1 + skew[:, None])
+
+
+def _reading(trials: Trials, joint: str) -> Reading:
+    """A joint's encoder in every trial, for arrays (n, n_segments, steps)."""
+    return Reading(
+        trials.encoder_gain[joint][:, None, None], trials.position_error[joint][:, None, None]
+    )
 
 
 def _similar_lengths(segments: Sequence[Segment]) -> list[list[int]]:
@@ -295,24 +329,34 @@ def _delayed(values: FloatArray, past: int, steps: int, shift: FloatArray) -> Fl
         values: (n_segments, past + ..., width) held commands; index `past` is the start.
         past: steps before the start.
         steps: steps wanted.
-        shift: (n, width) age in steps.
+        shift: (n, n_segments, width) age in steps.
 
     Returns:
         (n, n_segments, steps, width).
     """
-    n, width = shift.shape
+    n, n_segments, width = shift.shape
     if not shift.any():
         return np.broadcast_to(values[None, :, past : past + steps], (n, *values[:, :steps].shape))
-    out = np.empty((n, values.shape[0], steps, width))
+    out = np.empty((n, n_segments, steps, width))
     for row in range(n):
         for column in range(width):
-            position = past - min(float(shift[row, column]), float(past))
-            whole = int(np.floor(position))
-            part = position - whole
-            early = values[:, whole : whole + steps, column]
-            late = values[:, whole + 1 : whole + 1 + steps, column]
-            out[row, :, :, column] = (1 - part) * early + part * late
+            for some, age in _alike(shift[row, :, column]):
+                position = past - min(age, float(past))
+                whole = int(np.floor(position))
+                part = position - whole
+                early = values[some, whole : whole + steps, column]
+                late = values[some, whole + 1 : whole + 1 + steps, column]
+                out[row, some, :, column] = (1 - part) * early + part * late
     return out
+
+
+def _alike(ages: FloatArray) -> Iterator[tuple[slice, float]]:
+    """All segments at once where they have the same age, else one by one."""
+    if (ages == ages[0]).all():
+        yield slice(None), float(ages[0])
+    else:
+        for s, age in enumerate(ages):
+            yield slice(s, s + 1), float(age)
 
 
 def _at(series: FloatArray, index: FloatArray) -> FloatArray:

@@ -20,6 +20,7 @@ import mujoco
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
 from walkerkit.gap.errors import InputError, closest, one_line
 from walkerkit.gap.recordings.manifest import is_callable
+from walkerkit.gap.simulation.wave import Wave, WaveForm
 
 _MEND = "Mend the MJCF until MuJoCo loads it."
 _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -57,11 +58,20 @@ class Measurement:
         position_delay: age of the logged position and velocity [s].
         effort_scale: logged effort over the effort that reaches the joint.
         effort_offset: added to the logged effort [N·m].
+        encoder_gain: a, logged over true position and velocity [1].
+        error_amplitude, error_periods, error_phase: A sin(N q + φ) is added to the logged position
+            at q [rad, or m; per radian or metre; rad].
+        clock_skew: ε, what happens t after the log's first sample is stamped t (1 + ε) [1].
     """
 
     position_delay: float = 0.0
     effort_scale: float = 1.0
     effort_offset: float = 0.0
+    encoder_gain: float = 1.0
+    error_amplitude: float = 0.0
+    error_periods: float = 1.0
+    error_phase: float = 0.0
+    clock_skew: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +83,8 @@ class Excursion:
         velocity: peak speed [rad/s].
         acceleration: peak acceleration [rad/s²].
         effort: peak effort, as measured, else as commanded or as the servo would make it [N·m].
+        duration: of the longest recording [s].
+        periods: the most prominent waves of its unexplained effort over its positions.
     """
 
     lower: float = -1.0
@@ -80,11 +92,17 @@ class Excursion:
     velocity: float = 1.0
     acceleration: float = 10.0
     effort: float = 1.0
+    duration: float = 10.0
+    periods: tuple[Wave, ...] = ()
 
     @property
     def range(self) -> float:
         """Width of the positions [rad]."""
         return self.upper - self.lower
+
+    def waves(self, form: WaveForm) -> tuple[Wave, ...]:
+        """The waves of one form, the most prominent first."""
+        return tuple(wave for wave in self.periods if wave.form == form)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -165,6 +165,7 @@ def rollout_with_laws(
     own_dry = dry[:, dofs].copy()
     dt = float(batch.model.opt.timestep)
     zeros = np.zeros((n_sims, len(joints)))
+    held = batch.derived("qfrc_constraint") if bank.reads_held else None
 
     def before(k: int, qpos: FloatArray, qvel: FloatArray, now: FloatArray) -> FloatArray:
         q, qd = qpos[:, qposes], qvel[:, dofs]
@@ -182,6 +183,8 @@ def rollout_with_laws(
             effort=zeros,
             extra=zeros.copy(),
             friction=zeros.copy(),
+            dry=own_dry,
+            held=zeros if held is None else held[:, dofs],
         )
         bank.run("controller", step)
         now[...] = ctrl[:, k]

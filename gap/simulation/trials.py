@@ -36,6 +36,11 @@ class Trials:
         position_delay: joint to (n,) age of its logged position and velocity [s].
         effort_scale: joint to (n,) logged effort over the drive's effort at the joint.
         effort_offset: joint to (n,) added to the logged effort [N·m].
+        encoder_gain: joint to (n,) logged over true position and velocity [1].
+        position_error: joint to (n, 3) amplitude, periods and phase of A sin(N q + φ), which is
+            added to the logged position [rad; 1/rad; rad].
+        clock_skew: joint to (n,) ε: what happens t after the log's first sample is stamped
+            t (1 + ε) [1].
         fields: model field to its (n, *shape) values, of the fields that were asked for.
         laws: drivetrain law, joint and parameter to its (n,) values, of the laws asked for.
     """
@@ -48,6 +53,12 @@ class Trials:
         self.position_delay = {j: np.full(n, known[j].position_delay) for j in known}
         self.effort_scale = {j: np.full(n, known[j].effort_scale) for j in known}
         self.effort_offset = {j: np.full(n, known[j].effort_offset) for j in known}
+        self.encoder_gain = {j: np.full(n, known[j].encoder_gain) for j in known}
+        self.position_error = {
+            j: np.tile([k.error_amplitude, k.error_periods, k.error_phase], (n, 1))
+            for j, k in known.items()
+        }
+        self.clock_skew = {j: np.full(n, known[j].clock_skew) for j in known}
         self.fields: dict[str, NDArray[Any]] = {}
         self.laws: dict[tuple[type[DrivetrainLaw], str, str], FloatArray] = {
             (LAWS[law], joint, name): np.full(n, value)
@@ -110,6 +121,9 @@ class Trials:
             self.position_delay,
             self.effort_scale,
             self.effort_offset,
+            self.encoder_gain,
+            self.position_error,
+            self.clock_skew,
             self.fields,
             self.laws,
         )
