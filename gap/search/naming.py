@@ -28,6 +28,7 @@ from walkerkit.gap.search.structure import Structure, Term, candidate_terms, car
 from walkerkit.gap.search.worth import close_to, confidence, worth_it
 
 FloatArray = NDArray[np.float64]
+_Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and whether shared
 
 MOST_EFFECTS = 6
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
@@ -41,6 +42,7 @@ _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 8, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _MOST_EXCHANGES = 3
 _MOST_RIVALS = 5
+_NEAR = 2.0  # of a score, summed over the channels
 _NO_MORE = 0.05  # of a promise, summed over the channels
 
 
@@ -132,7 +134,7 @@ class _Search:
         self._problem = problem
         self._effects = effects
         self._progress = progress
-        self._tried: dict[frozenset[tuple[str, tuple[str, ...]]], _Tried] = {}
+        self._tried: dict[_Key, _Tried] = {}
 
     def run(self) -> tuple[Round, ...]:
         nothing = evaluate(self._problem.fit.objective, [(self._problem.nothing, np.zeros(0))])[0]
@@ -160,18 +162,25 @@ class _Search:
         fits, evidence = list(tried.fits), Evidence.joined([base, tried.evidence])
         # The numerical error was that of the current model; those who could win get their own.
         for i in _finalists(evidence):
-            fits[i], own = self._settled(fits[i])
+            fits[i], own = self._raced(fits[i])
             evidence = evidence.replaced(i + 1, own)
         winner = self._winner(current, fits, evidence)
         if winner is None:
             self._refine(current)
             return None
         found = fits[winner]
-        for effect in [term.effect for term in found.structure.terms[len(current.structure.terms) :]]:
+        self._problem.race.refine(found)
+        self._refine(found)
+        for effect in [
+            term.effect for term in found.structure.terms[len(current.structure.terms) :]
+        ]:
             term = next(term for term in found.structure.terms if term.effect is effect)
             found = places_needed(problem, found, term)
-        kept = self._without_the_needless(found)
-        return self._settled(kept)
+        found = self._without_the_needless(found)
+        if _key(found.structure) in self._tried:  # what was added does not hold
+            self._refine(current)
+            return None
+        return self._settled(found)
 
     def _winner(self, current: Fit, fits: Sequence[Fit], evidence: Evidence) -> int | None:
         """The best fit that is worth its number of effects and of values.
@@ -187,8 +196,7 @@ class _Search:
             if winner is None or (
                 evidence.both[i + 1] < evidence.both[winner + 1]
                 and (
-                    size[i] == size[winner]
-                    or worth_it(self._problem, evidence, i + 1, winner + 1)
+                    size[i] == size[winner] or worth_it(self._problem, evidence, i + 1, winner + 1)
                 )
             ):
                 winner = i
@@ -197,7 +205,7 @@ class _Search:
     def _try(self, current: Fit, base: Evidence | None) -> _Tried:
         """Fits what promises most on top of a fit; nothing where that is at the floor."""
         problem, count = self._problem, len(current.structure.terms)
-        key = frozenset((term.effect.name, term.sites) for term in current.structure.terms)
+        key = _key(current.structure)
         if key in self._tried:
             return self._tried[key]
         if base is None:
@@ -221,6 +229,9 @@ class _Search:
             half.refine(current)
         view = look(problem.screen, current, [v for term in terms for v in term.variants])
         chosen = _proposals(view)
+        if not chosen:
+            self._tried[key] = none
+            return none
         race = problem.race.objective
         tried = fit(
             race,
@@ -254,10 +265,17 @@ class _Search:
         singles.sort(key=lambda i: tried.evidence.both[i])
         start = [tried.fits[i] for i in singles[:_MOST_RIVALS]]
         self._refine(current)
-        starts = [(one.structure, one.values) for one in start]
-        rivals = fit(
-            problem.fit.objective, evaluate(problem.fit.objective, starts), iterations=_REFITS
-        )
+        objective = problem.fit.objective
+        rivals = evaluate(objective, [(one.structure, one.values) for one in start])
+        # Those that come near get what the named one has had: a fit to all recordings.
+        near = [
+            k
+            for k, one in enumerate(rivals)
+            if len(problem.channels) * (one.score - own.score) < _NEAR
+        ]
+        fitted = fit(objective, [rivals[k] for k in near], iterations=_REFITS)
+        for k, one in zip(near, fitted, strict=True):
+            rivals[k] = one
         fits = (own, *rivals)
         evidence = weigh(problem, [*fits, alone])
         contest = evidence.some(range(len(fits)))
@@ -302,9 +320,7 @@ class _Search:
                         for k in (0, *order)
                     ),
                     named=term,
-                    confidence=confidence(
-                        problem, contest.evidence.some(range(len(contest.fits)))
-                    ),
+                    confidence=confidence(problem, contest.evidence.some(range(len(contest.fits)))),
                     fit=one,
                     evidence=weigh(problem, [one]),
                 )
@@ -344,6 +360,15 @@ class _Search:
                 break
         return current, weigh(self._problem, [current])
 
+    def _raced(self, current: Fit) -> tuple[Fit, Evidence]:
+        """As `_settled`, fitted to the recordings of the race alone."""
+        race = self._problem.race
+        race.refine(current)
+        start = evaluate(race.objective, [(current.structure, current.values)])[0]
+        current = fit(race.objective, [start], iterations=_REFITS)[0]
+        self._refine(current)
+        return current, weigh(self._problem, [current])
+
     def _refine(self, current: Fit) -> None:
         for half in (self._problem.fit, self._problem.held):
             half.refine(current)
@@ -358,6 +383,10 @@ class _Search:
             if not worth_it(self._problem, weigh(self._problem, [smaller, current]), 1):
                 current = smaller
         return current
+
+
+def _key(structure: Structure) -> _Key:
+    return frozenset((term.effect.name, term.sites, term.shared) for term in structure.terms)
 
 
 def _size(one: Fit) -> tuple[int, int]:

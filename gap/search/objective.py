@@ -172,7 +172,7 @@ class Objective:
                 groups.append(slice(start, i))
                 start, size = i, 0
             size += need
-        return [*groups, slice(start, len(cases))]
+        return [*groups, slice(start, len(cases))] if cases else []
 
     def mean_squares(self, cases: Sequence[Case]) -> list[FloatArray]:
         """(n, n_scored) mean square gaps a case, NaN for trials that diverged."""

@@ -17,8 +17,8 @@ _REFITS = 4
 
 
 def refit(problem: Problem, source: Fit, structures: Sequence[Structure]) -> list[Fit]:
-    """Other structures, each fitted from the values that it has in common with a fit."""
-    objective = problem.fit.objective
+    """Other structures, each raced from the values that it has in common with a fit."""
+    objective = problem.race.objective
     starts = [(s, carried(source.values, source.structure, s)) for s in structures]
     return fit(objective, evaluate(objective, starts), iterations=_REFITS)
 

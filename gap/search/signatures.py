@@ -117,7 +117,7 @@ class View:
         for k, place in enumerate(one.places):
             if explained[k] > 0 and (place not in best or explained[k] > explained[best[place]]):
                 best[place] = k
-        picked = [(place, k) for place, k in best.items()]
+        picked = list(best.items())
         self._columns.extend(one.changes[k].astype(np.float64) for _, k in picked)
         self.__dict__.pop("_products", None)
         own = list(range(offset, offset + len(picked)))
@@ -125,9 +125,7 @@ class View:
         total = len(self._objective.channels)
         while len(own) > 1:
             full = self._score([*free, *own])
-            cost = [
-                total * (self._score([*free, *(c for c in own if c != k)]) - full) for k in own
-            ]
+            cost = [total * (self._score([*free, *(c for c in own if c != k)]) - full) for k in own]
             if min(cost) >= _NEEDED:
                 break
             own.pop(int(np.argmin(cost)))
@@ -155,7 +153,8 @@ class View:
             a = a - (a @ basis) @ basis.T
         along = -(a @ r).astype(np.float64)
         size = np.einsum("ij,ij->i", a, a).astype(np.float64)
-        return np.sign(along) * along**2 / np.maximum(size, 1e-300)
+        explained: FloatArray = np.sign(along) * along**2 / np.maximum(size, 1e-300)
+        return explained
 
     @cached_property
     def _products(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -173,7 +172,7 @@ class View:
         mean_square = square / objective.count
         k = np.asarray(columns, dtype=np.intp)
         if k.size:
-            gram, along = gram[np.ix_(range(len(square)), k, k)], along[:, k]
+            gram, along = gram[:, k[:, None], k], along[:, k]
             for _ in range(_SWEEPS):
                 weights = objective.weights(mean_square)
                 matrix = np.einsum("c,cij->ij", weights, gram)
@@ -207,7 +206,9 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     flat = [case for _, _, case in cases]
     for group in objective.grouped(flat):
         for (term, (places, values, _)), block in zip(
-            list(zip(terms, cases, strict=True))[group], objective.simulated(flat[group]), strict=True
+            list(zip(terms, cases, strict=True))[group],
+            objective.simulated(flat[group]),
+            strict=True,
         ):
             changes = (block - simulated).astype(np.float32)
             fine = np.isfinite(changes).all(axis=(1, 2)) & (changes != 0).any(axis=(1, 2))
