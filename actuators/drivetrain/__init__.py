@@ -36,6 +36,7 @@ from walkerkit.actuators.drivetrain.friction import (
     StribeckFriction,
 )
 from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
+from walkerkit.actuators.drivetrain.loop_delay import LoopDelay
 from walkerkit.actuators.drivetrain.runner import LawRunner
 
 # In the order in which those of one stage act.
@@ -46,6 +47,7 @@ _LAWS: tuple[type[DrivetrainLaw], ...] = (
     ControllerDeadband,
     IntegralAction,
     VelocityFilter,
+    LoopDelay,
     SupplySag,
     TorqueSpeedLimit,
     ActuatorLag,
@@ -75,6 +77,7 @@ __all__ = [
     "LawBank",
     "LawRunner",
     "LoadDependentFriction",
+    "LoopDelay",
     "PoseDependentFriction",
     "PreslidingFriction",
     "QuadraticDrag",

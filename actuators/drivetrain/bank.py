@@ -19,13 +19,18 @@ class LawBank:
         laws: classes of the laws, each with its parameters, (n_joints,) or (n_sims, n_joints);
             joints that do not have a law have its neutral parameters.
         shape: of the joints' arrays, (n_joints,) or (n_sims, n_joints).
+        dt: the step of the simulation [s].
     """
 
     def __init__(
-        self, laws: Sequence[tuple[type[DrivetrainLaw], Parameters]], shape: tuple[int, ...]
+        self,
+        laws: Sequence[tuple[type[DrivetrainLaw], Parameters]],
+        shape: tuple[int, ...],
+        dt: float,
     ):
         self._shape = shape
-        self._laws = list(laws)
+        self._dt = dt
+        self._laws = [(law, law.prepared(p, dt)) for law, p in laws]
         self._states: list[State] = [{} for _ in self._laws]
         self._of_stage: dict[Stage, list[tuple[type[DrivetrainLaw], Parameters, State]]] = {
             stage: [
@@ -39,10 +44,12 @@ class LawBank:
 
     def reset(self, rows: NDArray[np.intp] | None) -> None:
         """Forgets the past of all simulations, or of some rows."""
-        for (law, _), state in zip(self._laws, self._states, strict=True):
+        for (law, p), state in zip(self._laws, self._states, strict=True):
+            depth = law.depth(p, self._dt) if law.state else None
             for name in law.state:
                 if rows is None or name not in state:
-                    state[name] = np.full(self._shape, np.nan)
+                    shape = self._shape if depth is None else (*self._shape, depth)
+                    state[name] = np.full(shape, np.nan)
                 else:
                     state[name][rows] = np.nan
 

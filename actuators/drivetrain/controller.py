@@ -10,12 +10,12 @@ import numpy as np
 
 from walkerkit.actuators.drivetrain.law import (
     DrivetrainLaw,
+    Lag,
     Parameters,
     Stage,
     State,
     Step,
     first,
-    lagged,
 )
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
@@ -26,7 +26,7 @@ _SAME_INSTANT = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetpointFilter(DrivetrainLaw):
+class SetpointFilter(Lag):
     """Targets that pass a first-order filter.
 
     Attributes:
@@ -37,14 +37,13 @@ class SetpointFilter(DrivetrainLaw):
     stage: ClassVar[Stage] = "controller"
     state: ClassVar[tuple[str, ...]] = ("target",)
     neutral: ClassVar[Mapping[str, float]] = {"time_constant": 0.0}
+    targets_only: ClassVar[bool] = True
     time_constant: Numbers = number(at_least=0)
 
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.target, state["target"] = lagged(
-            state["target"], step.target, step.dt, p["time_constant"]
-        )
+        step.target, state["target"] = SetpointFilter.lagged(state["target"], step.target, p)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +58,7 @@ class SlewLimit(DrivetrainLaw):
     stage: ClassVar[Stage] = "controller"
     state: ClassVar[tuple[str, ...]] = ("target",)
     neutral: ClassVar[Mapping[str, float]] = {"rate": 1e9}
+    targets_only: ClassVar[bool] = True
     rate: Numbers = number(above=0)
 
     @staticmethod
@@ -72,7 +72,9 @@ class SlewLimit(DrivetrainLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class SampleAndHold(DrivetrainLaw):
-    """Targets that the drive takes up every T only.
+    """Targets that the drive takes up every T only, at multiples of it.
+
+    Where that is within a step, the step has the mean of the target before and the one after.
 
     Attributes:
         period: T [s]; 0 takes up every one.
@@ -80,18 +82,22 @@ class SampleAndHold(DrivetrainLaw):
 
     name: ClassVar[str] = "sample_and_hold"
     stage: ClassVar[Stage] = "controller"
-    state: ClassVar[tuple[str, ...]] = ("target", "next")
+    state: ClassVar[tuple[str, ...]] = ("target",)
     neutral: ClassVar[Mapping[str, float]] = {"period": 0.0}
+    targets_only: ClassVar[bool] = True
     period: Numbers = number(at_least=0)
 
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        due = first(state["next"], step.time) <= step.time + _SAME_INSTANT
-        step.target = np.where(due, step.target, state["target"])
-        state["target"] = step.target
-        late = first(state["next"], step.time)
-        state["next"] = np.where(due, np.maximum(late, step.time - p["period"]) + p["period"], late)
+        period = np.maximum(p["period"], _SAME_INSTANT)
+        held = first(state["target"], step.target)
+        instant = np.ceil((step.time - _SAME_INSTANT) / period) * period
+        # The part of the step before it; all of it where there is none in this step.
+        before = np.clip((instant - step.time) / step.dt, 0.0, 1.0)
+        before = np.where(before > 1.0 - _SAME_INSTANT / step.dt, 1.0, before)
+        state["target"] = np.where(before < 1.0, step.target, held)
+        step.target = step.target + before * (held - step.target)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +123,8 @@ class ControllerDeadband(DrivetrainLaw):
 class IntegralAction(DrivetrainLaw):
     """An integrator beside the PD control: ki ∫(u − q) dt, held within its clamp.
 
+    Beyond the drive's own limit it does not wind up either.
+
     Attributes:
         gain: ki [N·m/(rad·s); N/(m·s)].
         clamp: the most that it adds [N·m; N].
@@ -134,13 +142,14 @@ class IntegralAction(DrivetrainLaw):
         """As in `DrivetrainLaw`."""
         before = np.where(np.isnan(state["effort"]), 0.0, state["effort"])
         error = np.where(step.stiffness > 0, step.target - step.q, 0.0)
-        added = np.clip(before + p["gain"] * error * step.dt, -p["clamp"], p["clamp"])
+        most = np.minimum(p["clamp"], step.limit)
+        added = np.clip(before + p["gain"] * error * step.dt, -most, most)
         state["effort"] = added
         step.effort = np.clip(step.effort + added, -step.limit, step.limit)
 
 
 @dataclass(frozen=True, kw_only=True)
-class VelocityFilter(DrivetrainLaw):
+class VelocityFilter(Lag):
     """Damping that acts on a filtered velocity: kd (q̇ − q̇ filtered) is missing from it.
 
     Attributes:
@@ -156,7 +165,7 @@ class VelocityFilter(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        filtered, state["qd"] = lagged(state["qd"], step.qd, step.dt, p["time_constant"])
+        filtered, state["qd"] = VelocityFilter.lagged(state["qd"], step.qd, p)
         step.effort = np.clip(
             step.effort + step.damping * (step.qd - filtered), -step.limit, step.limit
         )

@@ -10,11 +10,11 @@ import numpy as np
 
 from walkerkit.actuators.drivetrain.law import (
     DrivetrainLaw,
+    Lag,
     Parameters,
     Stage,
     State,
     Step,
-    lagged,
 )
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
@@ -48,7 +48,7 @@ class TorqueSpeedLimit(DrivetrainLaw):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ActuatorLag(DrivetrainLaw):
+class ActuatorLag(Lag):
     """Effort that follows what is asked for with a first-order lag, as through an inductance.
 
     Attributes:
@@ -64,9 +64,7 @@ class ActuatorLag(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.effort, state["effort"] = lagged(
-            state["effort"], step.effort, step.dt, p["time_constant"]
-        )
+        step.effort, state["effort"] = ActuatorLag.lagged(state["effort"], step.effort, p)
 
 
 @dataclass(frozen=True, kw_only=True)

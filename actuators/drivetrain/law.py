@@ -81,6 +81,9 @@ class DrivetrainLaw(abc.ABC):
     sizes: ClassVar[int] = 1
     reads_held: ClassVar[bool] = False
     """It reads `Step.held`."""
+    targets_only: ClassVar[bool] = False
+    """It reads and changes nothing but targets, by the time: what it makes of a whole series of
+    them can be known beforehand."""
 
     joint_names_expr: tuple[str, ...] = names()
 
@@ -97,9 +100,36 @@ class DrivetrainLaw(abc.ABC):
 
         Args:
             step: written to.
-            p: parameters, (n_joints,) or (n_sims, n_joints) each.
-            state: what it remembers, (..., n_joints) each, written to.
+            p: parameters as `prepared`, (n_joints,) or (n_sims, n_joints) each.
+            state: what it remembers, (..., n_joints) each, or (..., n_joints, depth) where it has
+                a `depth`; written to.
         """
+
+    @classmethod
+    def prepared(cls, p: Parameters, dt: float) -> Parameters:
+        """Its parameters, and what `apply` would make of them alone in every step.
+
+        Args:
+            p: parameters, (n_joints,) or (n_sims, n_joints) each.
+            dt: the step [s].
+        """
+        return p
+
+    @classmethod
+    def depth(cls, p: Parameters, dt: float) -> int | None:
+        """How many numbers of each kind it remembers of a joint; None for a single one.
+
+        Args:
+            p: parameters, (n_joints,) or (n_sims, n_joints) each.
+            dt: the step [s].
+        """
+        return None
+
+    @classmethod
+    def acts(cls, p: Parameters) -> bool:
+        """Some of these parameters let it do anything."""
+        sizes = cls.parameter_names()[: cls.sizes]
+        return any(bool((p[name] != cls.neutral[name]).any()) for name in sizes)
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
@@ -117,22 +147,33 @@ def first(remembered: FloatArray, now: FloatArray) -> FloatArray:
     return np.where(np.isnan(remembered), now, remembered)
 
 
-def lagged(
-    remembered: FloatArray, now: FloatArray, dt: float, time_constant: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """What a first-order filter makes of an input that is held for a step.
+class Lag(DrivetrainLaw):
+    """A law with a first-order filter of `time_constant` [s], which passes its input without one.
 
-    Args:
-        remembered: where it stands, NaN where it has not begun.
-        now: the input, in any unit.
-        dt: the step [s].
-        time_constant: T [s]; without one the input passes.
-
-    Returns:
-        Its mean over the step, which joins the unfiltered input smoothly as T goes to 0, and where
-        it stands at the end.
+    The input is held for a step; what a filter makes of it is its mean over the step, which joins
+    the unfiltered input smoothly as the time constant goes to 0.
     """
-    ratio = np.maximum(time_constant, 1e-9) / dt
-    behind = first(remembered, now) - now
-    left = np.exp(-1.0 / ratio)
-    return now + behind * (ratio * (1.0 - left)), now + behind * left
+
+    @classmethod
+    def prepared(cls, p: Parameters, dt: float) -> Parameters:
+        """As in `DrivetrainLaw`; what is left of a difference at a step's end, and in its mean."""
+        ratio = np.maximum(p["time_constant"], 1e-9) / dt
+        left = np.exp(-1.0 / ratio)
+        return {**p, "left": left, "mean": ratio * (1.0 - left)}
+
+    @staticmethod
+    def lagged(
+        remembered: FloatArray, now: FloatArray, p: Parameters
+    ) -> tuple[FloatArray, FloatArray]:
+        """What the filter makes of an input.
+
+        Args:
+            remembered: where it stands, NaN where it has not begun.
+            now: the input, in any unit.
+            p: parameters as `prepared`.
+
+        Returns:
+            Its mean over the step, and where it stands at the end.
+        """
+        behind = first(remembered, now) - now
+        return now + behind * p["mean"], now + behind * p["left"]

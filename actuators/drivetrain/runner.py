@@ -69,8 +69,8 @@ class LawRunner:
             )
             for name, values in law.numbers(tuple(names[i] for i in chosen)).items():
                 of_law[name][chosen] = values
-        self._bank = LawBank(list(parameters.items()), shape)
         model = simulation.model
+        self._bank = LawBank(list(parameters.items()), shape, float(model.opt.timestep))
         self._dofs = model.jnt_dofadr[group.joint_ids].astype(np.intp)
         self._qposes = model.jnt_qposadr[group.joint_ids].astype(np.intp)
         self._qpos, self._qvel = simulation.state("qpos"), simulation.state("qvel")

@@ -133,6 +133,15 @@ def _moves_across_gravity(robot: Robot, joints: Sequence[str]) -> bool:
     )
 
 
+def _moves_across_gravity_without_dry_friction(robot: Robot, joints: Sequence[str]) -> bool:
+    model = robot.model
+    return (
+        _moves_across_gravity(robot, joints)
+        and not model.dof_frictionloss.any()
+        and not (model.jnt_stiffness * model.qpos_spring).any()
+    )
+
+
 def _listed(robot: Robot, joints: Sequence[str]) -> list[str]:
     """The joints by name, also where all are meant."""
     everything = not joints or tuple(joints) == (EVERYWHERE,)
@@ -223,6 +232,16 @@ _TABLE: tuple[Equivalence, ...] = (
         reason=(
             "The only joint moves across gravity, so that a mass adds nothing but inertia, as a "
             "rotor does; weigh the load, or turn the axis so that it is lifted."
+        ),
+    ),
+    # In m = a q: I m̈ + b ṁ + k m = a (kp (u − m) − kd ṁ); the drive reports what is in brackets.
+    Equivalence(
+        effects=("encoder_gain", "torque_constant"),
+        holds=_moves_across_gravity_without_dry_friction,
+        reason=(
+            "Where nothing but inertia, damping and a spring that rests at zero is moved, turning "
+            "less far than the encoder says is the same as turning too strong; measure an angle "
+            "from outside, or turn the axis so that the link is lifted."
         ),
     ),
     # F⁺ for q̇ > 0 and −F⁻ for q̇ < 0 are ½(F⁺ + F⁻) sgn q̇ + ½(F⁺ − F⁻), at rest as well.

@@ -10,6 +10,7 @@
 Its parameters bear the names of the law's, and their values are the law's own, not increments. At
 the zeros of all of them the law stays as the robot has it, mostly absent; a zero may therefore be
 a value so large that it does nothing on this robot, or mean nothing of its own, such as a phase.
+One more parameter, `frictionloss`, is dry friction to add to the model's.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import ClassVar
 
 from walkerkit.actuators.drivetrain import DrivetrainLaw
 from walkerkit.gap.effects.base import FloatArray, JointEffect
+from walkerkit.gap.effects.dry_friction import stiffen_dry_friction
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
@@ -28,9 +30,13 @@ class LawEffect(JointEffect):
     Attributes:
         law: the law; it has the parameters that `parameters` names, and maybe more, which stay
             neutral.
+        driven: a law of the joint that acts on the effort of its drive.
+        dry: a law that adds dry friction.
     """
 
     law: ClassVar[type[DrivetrainLaw]]
+    driven: ClassVar[bool] = False
+    dry: ClassVar[bool] = False
     added_as = "drivetrain law in actuators.json"
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
@@ -38,7 +44,7 @@ class LawEffect(JointEffect):
         drives = robot.joints[joint].drives
         if self.law.stage == "controller":
             return bool(drives) and drives[0].kind == "position"
-        return bool(drives) or self.law.stage == "joint"
+        return bool(drives) or (self.law.stage == "joint" and not self.driven)
 
     def known(self, robot: Robot, joint: str) -> dict[str, float]:
         """The law's parameters at a joint of the robot as it is, neutral where it has no such."""
@@ -50,4 +56,10 @@ class LawEffect(JointEffect):
         changed = (values != [parameter.zero for parameter in parameters]).any(axis=1)
         own = trials.law(self.law, site)
         for parameter, column in zip(parameters, values.T, strict=True):
-            own[parameter.name][changed] = column[changed]
+            if parameter.name == "frictionloss":
+                dof = trials.robot.joints[site].dof
+                trials.field("dof_frictionloss")[changed, dof] += column[changed]
+            else:
+                own[parameter.name][changed] = column[changed]
+        if self.dry:
+            stiffen_dry_friction(trials, site, changed)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, JointEffect, Parameter
 from walkerkit.gap.effects.timing import LONGEST_DELAY
 from walkerkit.gap.simulation.robot import Excursion, Robot
@@ -85,6 +87,73 @@ class EncoderGain(JointEffect):
         trials.encoder_gain[site] *= factor[:, 0]
 
 
+class KinematicError(JointEffect):
+    """The log reads the joint through a gear that is not round: an eccentric wheel, a bent shaft.
+
+    The drive has an encoder of its own, on the motor, which reads true: what the log shows beside
+    that makes no effort. Logged velocities have the slope of the reading.
+    """
+
+    name = "kinematic_error"
+    equation = (
+        "logged q + A sin(N q + φ), A: amplitude [rad], N: periods [1/rad], φ: phase [rad]; the "
+        "drive feeds q back"
+    )
+    symptom = "periodic in q, no force"
+    added_as = "measurement in actuators.json"
+    source = "eccentric gears; Michalec, Precision Gearing: Theory and Practice, 1966"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Any joint."""
+        return True
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """Its start are waves that the log shows, and one that comes once a turn."""
+        joint, excursion = robot.joints[site], robot.excursion(site)
+        width, known = excursion.range, robot.measured(site)
+        least, most = 0.003 * width, 0.2 * width
+        once = 2 * np.pi / width if joint.slide else 1.0
+        seen = [
+            (float(np.clip(wave.amplitude, least, most)), wave.periods, wave.phase)
+            for wave in excursion.waves("position")
+        ]
+        starts = [*seen, (least, once, 0.0), (least, once, 0.5 * np.pi)]
+        amplitudes, periods, phases = zip(*starts, strict=True)
+        return (
+            Parameter(
+                name="amplitude",
+                unit="m" if joint.slide else "rad",
+                zero=known.error_amplitude,
+                lower=0.0,
+                upper=max(most, 2 * known.error_amplitude),
+                scale=least,
+                starts=amplitudes,
+            ),
+            Parameter(
+                name="periods",
+                unit="1/m" if joint.slide else "1/rad",
+                zero=known.error_periods,
+                lower=min(0.5 * once, 0.5 / width, known.error_periods),
+                upper=2 * max(*periods, 100 / width, known.error_periods),
+                scale=0.5 / width,
+                starts=periods,
+            ),
+            Parameter(
+                name="phase",
+                unit="rad",
+                zero=known.error_phase,
+                lower=-2 * np.pi,
+                upper=2 * np.pi,
+                scale=0.3,
+                starts=phases,
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Takes the place of the error that is known."""
+        trials.position_error[site][:] = values
+
+
 class ClockSkew(Effect):
     """The clock of the measured signals runs faster than that of the targets, or more slowly.
 
@@ -96,7 +165,7 @@ class ClockSkew(Effect):
     equation = "y at t (1 + ε), ε: skew [1]"
     symptom = "a lag that grows with time"
     added_as = "measurement in actuators.json"
-    source = "clock of the drives against that of the computer; Mills, RFC 5905, 2010, section 10"
+    source = "clock of the drives against that of the computer; Mills et al., RFC 5905, 2010"
     kind = "robot"
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:

@@ -36,13 +36,15 @@ def render(diagnosis: Diagnosis) -> RenderableType:
         wording.verdict_sentence(diagnosis),
     )
     parts: list[RenderableType] = [verdict]
-    if diagnosis.locations:
+    if diagnosis.locations and diagnosis.verdict != "no_gap":
         parts += [_heading("Where"), _locations(diagnosis)]
     if diagnosis.effects:
         parts += [_heading("Effects, in the order in which they were added"), _effects(diagnosis)]
         parts += [Text(warning) for warning in wording.warnings(diagnosis)]
     doubts = [*wording.doubts(diagnosis), wording.advice(diagnosis)]
-    parts += [Text(f"\n{doubt}") for doubt in doubts if doubt]
+    if doubts[0]:
+        parts.append(_heading("What cannot be told apart, and what would tell"))
+    parts += [Text(doubt) for doubt in doubts if doubt]
     parts += [_heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis.gap))]
     if diagnosis.notes:
         parts += [_heading("Notes"), _notes(diagnosis)]
@@ -102,7 +104,7 @@ def _effects(diagnosis: Diagnosis) -> Table:
     )
     unit = diagnosis.gap.position.unit
     for named in diagnosis.effects:
-        sure, after = percent(named.confidence), quantity(named.gap_after, unit)
+        sure, after = wording.sure(named.confidence), quantity(named.gap_after, unit)
         first = [wording.label(named.effect), sure, after]
         for place, name, value, its_unit in _parameters(named):
             _add(table, first[0], place, name, value, its_unit, *first[1:])

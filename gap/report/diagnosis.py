@@ -8,6 +8,7 @@ diagnosis.to_json()               # diagnosis.json
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -79,6 +80,22 @@ class Location:
 
 
 @dataclass(frozen=True, kw_only=True)
+class GapMap:
+    """The gap of one signal in every regime of every joint.
+
+    Attributes:
+        signal: `position` or `effort`.
+        unit: unit of the gaps.
+        before, after: its cells with the model as it was given, and as mended.
+    """
+
+    signal: str
+    unit: str
+    before: tuple[Location, ...]
+    after: tuple[Location, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Estimate:
     """One fitted number.
 
@@ -89,6 +106,7 @@ class Estimate:
         std: its standard error; None at a bound, and where the recordings say nothing of it.
         unit: its unit.
         at_bound: it ran into the bound of its range, so that it is no estimate.
+        lower, upper: the bounds of its range; not in the JSON.
     """
 
     name: str
@@ -97,6 +115,8 @@ class Estimate:
     std: float | None
     unit: str
     at_bound: bool
+    lower: float = -math.inf
+    upper: float = math.inf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +131,9 @@ class NamedEffect:
         parameters: its numbers.
         gap_after: position gap once it and all before it are added.
         indistinguishable_from: effects that these recordings cannot tell from it.
+        gaps_after: as `gap_after`, by signal; not in the JSON.
+        equivalent: those of them that no recording of these signals can tell from it, each with the
+            reason, a sentence; `reasons` in the JSON.
     """
 
     effect: str
@@ -120,6 +143,8 @@ class NamedEffect:
     parameters: tuple[Estimate, ...]
     gap_after: float
     indistinguishable_from: tuple[str, ...]
+    gaps_after: Mapping[str, float] = field(default_factory=dict)
+    equivalent: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,16 +170,23 @@ class NextExperiment:
     """The excitation that would best tell the members of a confusion set apart.
 
     Attributes:
-        excitation: its name in `walkerkit.tasks.excitation`.
+        excitation: its name in `walkerkit.tasks.excitation`, or `release`.
         between: the effects.
-        separation: predicted difference of the nearest two, in standard deviations of the noise.
+        separation: predicted difference of the nearest two, in standard deviations of what the
+            explanation leaves.
         file: name of the target file that was written, or None.
+        set_up: what is changed of the robot, `as_it_is` for nothing.
+        instruction: the same in sentences, empty for nothing.
+        model: name of the model file with the changed set-up, or None where nothing of it changes.
     """
 
     excitation: str
     between: tuple[str, ...]
     separation: float
     file: str | None = None
+    set_up: str = "as_it_is"
+    instruction: str = ""
+    model: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,6 +199,7 @@ class Trace:
         held_out: whether the recording was held out.
         time: (n,) [s].
         measured, before, after: (n,) each, simulated with the model as given and as mended.
+        target: (n,) what was commanded, in the same unit, or None.
     """
 
     recording: str
@@ -178,6 +211,7 @@ class Trace:
     measured: FloatArray
     before: FloatArray
     after: FloatArray
+    target: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,6 +231,7 @@ class Diagnosis:
         traces: measured and simulated signals.
         seconds: wall time.
         searched: whether effects were looked for, or the gap was only measured.
+        maps: where the gap of each signal lives, before and after; not in the JSON.
     """
 
     verdict: Verdict
@@ -211,6 +246,7 @@ class Diagnosis:
     traces: tuple[Trace, ...] = field(repr=False)
     seconds: float
     searched: bool = True
+    maps: tuple[GapMap, ...] = field(default=(), repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json, schema 1."""
@@ -249,14 +285,7 @@ class Diagnosis:
                 for at in self.locations
             ],
             "effects": [_effect(named) for named in self.effects],
-            "next_experiment": None
-            if self.next_experiment is None
-            else {
-                "excitation": self.next_experiment.excitation,
-                "between": list(self.next_experiment.between),
-                "separation": self.next_experiment.separation,
-                "file": self.next_experiment.file,
-            },
+            "next_experiment": _next_experiment(self.next_experiment),
             "recordings": list(self.recordings),
             "notes": list(self.notes),
             "seconds": self.seconds,
@@ -265,6 +294,23 @@ class Diagnosis:
     def to_json(self) -> str:
         """diagnosis.json; numbers carry six significant digits."""
         return json.dumps(_rounded(self.to_dict()), indent=2, ensure_ascii=False) + "\n"
+
+
+def _next_experiment(wanted: NextExperiment | None) -> dict[str, Any] | None:
+    if wanted is None:
+        return None
+    changed = {
+        "set_up": wanted.set_up,
+        "instruction": wanted.instruction,
+        "model": wanted.model,
+    }
+    return {
+        "excitation": wanted.excitation,
+        "between": list(wanted.between),
+        "separation": wanted.separation,
+        "file": wanted.file,
+        **(changed if wanted.instruction else {}),
+    }
 
 
 def _effect(named: NamedEffect) -> dict[str, Any]:
@@ -288,6 +334,7 @@ def _effect(named: NamedEffect) -> dict[str, Any]:
         ],
         "gap_after": named.gap_after,
         "indistinguishable_from": list(named.indistinguishable_from),
+        **({"reasons": dict(named.equivalent)} if named.equivalent else {}),
     }
 
 

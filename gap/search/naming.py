@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
-from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried
+from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried, merged
 from walkerkit.gap.search.worth import close_to, confidence, worth_it
 
 FloatArray = NDArray[np.float64]
@@ -150,8 +150,9 @@ class _Search:
             if better is None or exchanges == _MOST_EXCHANGES:
                 break
             exchanges += 1
-            better = places_needed(self._problem, better, better.structure.terms[-1])
-            current, base = self._settled(self._without_the_needless(better))
+            current, base = self._settled(
+                self._kept(better, [better.structure.terms[-1].effect])
+            )
         self._refine(current)
         return self._told(current, base, contests)
 
@@ -212,12 +213,7 @@ class _Search:
             self._refine(current)
             base = weigh(problem, [current])
         none = _Tried(fits=(), evidence=base.some([]))
-        present = {term.effect.name for term in current.structure.terms}
-        terms = candidate_terms(
-            [effect for effect in self._effects if effect.name not in present],
-            problem.robots,
-            problem.joints,
-        )
+        terms = self._terms(current.structure)
         at_floor = (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * problem.noise).all()
         if not terms or at_floor or count >= MOST_EFFECTS:
             self._tried[key] = none
@@ -242,6 +238,20 @@ class _Search:
         )
         self._tried[key] = _Tried(fits=tuple(tried), evidence=weigh(problem, tried))
         return self._tried[key]
+
+    def _terms(self, structure: Structure) -> list[Term]:
+        """Every effect where it could be added: those present only at places without them."""
+        present = {term.effect.name: term for term in structure.terms}
+        found = []
+        for term in candidate_terms(self._effects, self._problem.robots, self._problem.joints):
+            known = present.get(term.effect.name)
+            if known is None:
+                found.append(term)
+            elif not known.shared:
+                sites = tuple(site for site in term.sites if site not in known.sites)
+                if sites:
+                    found.append(replace(term, sites=sites, shared=False))
+        return found
 
     def _contest(self, current: Fit, term: Term) -> _Contest:
         """Compares an effect with those that could be in its place."""
@@ -372,6 +382,18 @@ class _Search:
     def _refine(self, current: Fit) -> None:
         for half in (self._problem.fit, self._problem.held):
             half.refine(current)
+
+    def _kept(self, current: Fit, added: Sequence[Effect]) -> Fit:
+        """The fit with the added effects where they are needed, and others while they still are."""
+        one_each = merged(current.structure)
+        values = carried(current.values, current.structure, one_each)
+        current = replace(current, structure=one_each, values=values)
+        self._problem.race.refine(current)
+        self._refine(current)
+        for effect in added:
+            term = next(term for term in current.structure.terms if term.effect is effect)
+            current = places_needed(self._problem, current, term)
+        return self._without_the_needless(current)
 
     def _without_the_needless(self, current: Fit) -> Fit:
         """The fit without effects that those named after them have made superfluous."""

@@ -14,15 +14,17 @@ from walkerkit.gap.recordings.segments import cut
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.structure import Structure
+from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
-from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
 
 REFINEMENT = 2  # how many times finer the timestep is that shows the numerical error
-_SCORED = ("position", "effort")  # velocity comes from the same encoder and adds its filter's lag
+# Velocity comes from the same encoder and adds its filter's lag.
+_SCORED = ("position", "effort", "base_position", "base_orientation")
 _RACE_STEPS, _RACE_WINDOW = 12_000, 4.0  # s
 _SCREEN_STEPS, _SCREEN_WINDOW = 6_000, 1.0  # s
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
@@ -116,8 +118,8 @@ def build(
         for signal in ("position", "velocity", "effort")
         for joint in joints
         if any(r.signal(joint, signal) is not None for r in everything)
-    )
-    scored = tuple(channel for channel in channels if channel.signal in _SCORED)
+    ) + base_channels(everything)
+    scored = tuple(channel for channel in channels if channel.quantity in _SCORED)
     floor = np.array([channel_noise(everything, channel).std for channel in scored])
     sized = [
         replace(robot, excursions=excursions(robot, [*fit, *held], joints))
@@ -174,7 +176,7 @@ def build(
 
 def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.Noise:
     """Noise of a channel over all recordings that have it; never 0, even where nothing moves."""
-    columns = [r.signal(channel.joint, channel.signal) for r in recordings]
+    columns = [channel.measured(r) for r in recordings]
     present = [column for column in columns if column is not None]
     found = noise.estimate(present)
     largest = max([1.0, *(float(np.abs(column).max()) for column in present)])

@@ -182,6 +182,18 @@ def carried(values: FloatArray, source: Structure, target: Structure) -> FloatAr
     )
 
 
+def merged(structure: Structure) -> Structure:
+    """The structure with the terms of each effect made one, at the place of the first."""
+    terms: dict[str, Term] = {}
+    for term in structure.terms:
+        known = terms.get(term.effect.name)
+        if known is not None:
+            sites = dict.fromkeys((*known.sites, *term.sites))
+            term = replace(known, sites=tuple(sites))
+        terms[term.effect.name] = term
+    return Structure(tuple(terms.values()), structure.robots)
+
+
 def candidate_terms(
     effects: Sequence[Effect], robots: Sequence[Robot], joints: Sequence[str]
 ) -> tuple[Term, ...]:

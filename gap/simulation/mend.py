@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.simulation.rebuild import Rebuilt, rebuilds
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
 from walkerkit.walkers.settling import state_inertia
@@ -50,6 +51,9 @@ def mend(trial: Trials) -> Robot:
     """
     if trial.n != 1:
         raise ValueError(f"{trial.n} variants make {trial.n} models; mend them one by one.")
+    ((rebuild, _),) = rebuilds(trial)
+    if rebuild.needed:
+        trial = Rebuilt(rebuild, trial.robot).trials(trial)
     robot = trial.robot
     spec = robot.spec.copy()
     spec.compile()  # gives the elements of the copy the ids of the compiled model
@@ -239,7 +243,12 @@ def _write_gravity(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Fie
     spec.option.gravity = wanted
 
 
+def _write_polynomial(element: Any, value: Field, angle: float) -> None:
+    element.damping[1:] = value
+
+
 _WRITERS: Mapping[str, Writer] = {
+    "dof_dampingpoly": _joint_writer(_write_polynomial, lambda joint: joint.dof),
     "dof_damping": _joint_writer(_set_first("damping"), lambda joint: joint.dof),
     "dof_frictionloss": _joint_writer(_set("frictionloss"), lambda joint: joint.dof),
     "dof_armature": _joint_writer(_set("armature"), lambda joint: joint.dof),
@@ -249,6 +258,7 @@ _WRITERS: Mapping[str, Writer] = {
     "jnt_limited": _joint_writer(_set_limited, lambda joint: joint.id),
     "jnt_range": _joint_writer(_set_angle("range"), lambda joint: joint.id),
     "jnt_solref": _joint_writer(_set("solref_limit"), lambda joint: joint.id),
+    "jnt_solimp": _joint_writer(_set("solimp_limit"), lambda joint: joint.id),
     "qpos0": _joint_writer(_set_angle("ref"), lambda joint: joint.qpos),
     "qpos_spring": _joint_writer(_set_angle("springref"), lambda joint: joint.qpos),
     "body_mass": _inertial_writer("mass"),

@@ -17,6 +17,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 from numpy.typing import ArrayLike
@@ -24,10 +25,12 @@ from numpy.typing import ArrayLike
 from walkerkit.gap.simulation.mend import write_model
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar
-from walkerkit.walkers import MjcfWalker
-from walkerkit.walkers.actions import ActionTerm
-from walkerkit.walkers.drivetrain import Randomization
-from walkerkit.walkers.saved import SavedActuators, saved_actuators
+
+if TYPE_CHECKING:
+    from walkerkit.walkers import MjcfWalker
+    from walkerkit.walkers.actions import ActionTerm
+    from walkerkit.walkers.drivetrain import Randomization
+    from walkerkit.walkers.saved import SavedActuators
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,8 @@ class Mended:
     @property
     def actuators(self) -> SavedActuators:
         """What MJCF cannot say: how a target enters each drive, and the laws around it."""
+        from walkerkit.walkers.saved import saved_actuators
+
         with tempfile.TemporaryDirectory() as folder:
             return saved_actuators(self._written(Path(folder)))
 
@@ -76,6 +81,9 @@ class Mended:
         Raises:
             ValueError: PyMJCF cannot say what the model has, or a joint has several actuators.
         """
+        # dm_control looks for a display as soon as it is imported, which only walkers need.
+        from walkerkit.walkers import MjcfWalker
+
         with tempfile.TemporaryDirectory() as folder:
             return MjcfWalker.from_file(
                 self._written(Path(folder)),
@@ -92,3 +100,29 @@ class Mended:
         content = json.dumps(sidecar({path.name: self.robot}, []))
         (folder / FILE).write_text(content, encoding="utf-8")
         return path
+
+
+def mended_by_name(robots: Sequence[Robot]) -> Mapping[str, Mended]:
+    """Mended robots by the names of their models; names that repeat get a number."""
+    found: dict[str, Mended] = {}
+    for robot in robots:
+        name, number = robot.stem, 1
+        while name in found:
+            number += 1
+            name = f"{robot.stem}_{number}"
+        found[name] = Mended(robot)
+    return found
+
+
+def only(mended: Mapping[str, Mended]) -> Mended:
+    """The one robot that there is.
+
+    Raises:
+        ValueError: there are several.
+    """
+    if len(mended) > 1:
+        raise ValueError(
+            f"there are several models, {', '.join(map(repr, mended))}: take one of them, as in "
+            f"mended[{next(iter(mended))!r}].model"
+        )
+    return next(iter(mended.values()))

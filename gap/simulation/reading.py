@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-_SWEEPS = 12  # of solving for the position; each takes an error's A N times part
+_HALVINGS = 50  # of where the position can be
 _FLATTEST = 0.2  # slope, below which a reading says little of the position
 
 
@@ -48,14 +48,17 @@ class Reading:
     def joint(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The position and velocity of which these are shown.
 
-        Where a wave is so steep that several are, one near the shown position.
+        Where a wave is so steep that several are, one of them.
         """
         q = position / self.gain
         if self.straight:
             return q, velocity / self.gain
-        for _ in range(_SWEEPS):
-            slope = np.maximum(self._slope(q), _FLATTEST * self.gain)
-            q = q + (position - self.position(q)) / slope
+        width = np.abs(self.wave[..., 0]) / self.gain
+        low, high = q - width, q + width
+        for _ in range(_HALVINGS):
+            q = 0.5 * (low + high)
+            beyond = self.position(q) > position
+            low, high = np.where(beyond, low, q), np.where(beyond, q, high)
         return q, velocity / np.maximum(self._slope(q), _FLATTEST * self.gain)
 
     def _wave(self, q: FloatArray) -> FloatArray:

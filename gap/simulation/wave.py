@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-WaveForm = Literal["pose", "friction", "effort"]
+WaveForm = Literal["pose", "friction", "effort", "position"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,10 +13,10 @@ class Wave:
     """A wave over the positions of a joint.
 
     Attributes:
-        form: what the wave is: an effort of the pose alone, dry friction against the motion, or a
-            factor of the drive's effort.
+        form: what the wave is: an effort of the pose alone, dry friction against the motion, a
+            factor of the drive's effort, or an error of the logged position.
         periods: N, per radian or metre of the joint.
-        amplitude: A [N·m; N], without unit as a factor of the effort.
+        amplitude: A [N·m; N], without unit as a factor of the effort, of a position [rad; m].
         phase: φ [rad].
         mean: of dry friction, the constant part beside the wave [N·m; N].
     """

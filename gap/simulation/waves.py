@@ -1,4 +1,4 @@
-"""The waves that a joint's unexplained effort shows over its positions.
+"""The waves that a joint's unexplained effort and position show over its positions.
 
     waves(robot, recordings, ["knee"])["knee"]   # the most prominent first, of each form
 
@@ -6,7 +6,9 @@ The number of periods of a cogging motor or an eccentric gear is not known, and 
 from within a fraction of a period over the joint's whole range. A spectrum over the positions finds
 it directly: what the model's inverse dynamics want along the measured motion, less what the drive
 made, is regressed on A sin(N q + φ) for every N (Lomb, Astrophysics and Space Science 39, 1976),
-beside terms that other effects would leave. All that is wanted is a start of the fit.
+beside terms that other effects would leave. So is the error that a servo leaves of its target, for
+waves of the log alone; without a servo these show in the effort that they seem to take, q̇² N² A
+times the inertia. All that is wanted is a start of the fit.
 """
 
 from __future__ import annotations
@@ -41,13 +43,23 @@ _SIGN = 5  # the row of the sign of the velocity among what is regressed beside 
 
 @dataclass(frozen=True, kw_only=True)
 class _Motion:
-    """A joint's measured motion, and its effort beyond the model's; (n,) each."""
+    """A joint's measured motion; (n,) each.
+
+    Attributes:
+        q, qd, qdd: smoothed position, velocity and acceleration.
+        effort: what its drives made.
+        residual: what the model wants beyond it.
+        load: effort as logged, or else what the model wants.
+        error: logged position beyond its target, NaN without a target.
+    """
 
     q: FloatArray
     qd: FloatArray
     qdd: FloatArray
     effort: FloatArray
     residual: FloatArray
+    load: FloatArray
+    error: FloatArray
 
 
 def waves(
@@ -75,7 +87,8 @@ def waves(
                     for name in _Motion.__dataclass_fields__
                 }
             )
-            found[joint] = _prominent(whole)
+            inertia = float(robot.model.dof_M0[robot.joints[joint].dof])
+            found[joint] = _prominent(whole, inertia)
     return found
 
 
@@ -126,7 +139,7 @@ def _motions(robot: Robot, recording: Recording, every: int) -> dict[str, _Motio
     )
     found = {}
     for k, name in enumerate(names):
-        made = recording.signal(name, "effort")
+        logged = made = recording.signal(name, "effort")
         if made is None:
             made = nominal_effort(robot, recording, name, q[:, k], qd[:, k])
         made = np.zeros(len(time)) if made is None else Smoothed(time, made[None]).at(time)[:, 0]
@@ -136,8 +149,17 @@ def _motions(robot: Robot, recording: Recording, every: int) -> dict[str, _Motio
             qdd=qdd[rows, k],
             effort=made[rows],
             residual=inverse[:, k] - made[rows],
+            load=inverse[:, k] if logged is None else made[rows],
+            error=_error(robot, recording, name)[rows],
         )
     return found
+
+
+def _error(robot: Robot, recording: Recording, joint: str) -> FloatArray:
+    target = recording.signal(joint, "position_target")
+    if target is None or robot.joints[joint].drive("position") is None:
+        return np.full(len(recording.time), np.nan)
+    return recording.columns[f"{joint}/position"] - target
 
 
 def _inverse_dynamics(
@@ -160,7 +182,7 @@ def _inverse_dynamics(
     return efforts
 
 
-def _prominent(motion: _Motion) -> tuple[Wave, ...]:
+def _prominent(motion: _Motion, inertia: float) -> tuple[Wave, ...]:
     """The largest peaks of each form's spectrum."""
     speed = np.abs(motion.qd)
     moving = speed > _SLOWEST * np.percentile(speed, _PEAK)
@@ -170,31 +192,34 @@ def _prominent(motion: _Motion) -> tuple[Wave, ...]:
         return ()
     origin = float(q.min())
     sign, effort = np.sign(qd), motion.effort[moving]
-    spectrum = _Spectrum(
-        q - origin,
-        motion.residual[moving],
-        np.stack([np.ones_like(q), q, q**2, qd, motion.qdd[moving], sign]),
-        highest=float(
-            np.clip(_BANDWIDTH / np.percentile(np.abs(qd), 25), 10 / reach, _MOST / reach)
-        ),
-    )
+    highest = float(np.clip(_BANDWIDTH / np.percentile(np.abs(qd), 25), 10 / reach, _MOST / reach))
+    beside = np.stack([np.ones_like(q), q, q**2, qd, motion.qdd[moving], sign])
+    efforts = _Spectrum(q - origin, motion.residual[moving], beside, highest=highest)
+    error, positions = motion.error[moving], efforts
+    servoed = bool(np.isfinite(error).all())
+    if servoed:
+        beside = np.concatenate([beside, motion.load[None, moving]])
+        positions = _Spectrum(q - origin, error, beside, highest=highest)
+    one = np.ones_like(q)
     found = []
-    factors: dict[WaveForm, FloatArray] = {
-        "pose": np.ones_like(q),
-        "friction": -sign,
-        "effort": effort,
+    looked: dict[WaveForm, tuple[_Spectrum, FloatArray]] = {
+        "pose": (efforts, one),
+        "friction": (efforts, -sign),
+        "effort": (efforts, effort),
+        "position": (positions, one if servoed else -(qd**2)),
     }
-    for form, factor in factors.items():
-        for periods, sine, cosine, beside in spectrum.peaks(factor):
+    for form, (spectrum, factor) in looked.items():
+        for periods, sine, cosine, others in spectrum.peaks(factor):
+            weight = inertia * periods**2 if form == "position" and not servoed else 1.0
             found.append(
                 Wave(
                     form=form,
                     periods=periods,
-                    amplitude=float(np.hypot(sine, cosine)),
+                    amplitude=float(np.hypot(sine, cosine)) / weight,
                     phase=float(
                         np.angle(np.exp(1j * (np.arctan2(cosine, sine) - periods * origin)))
                     ),
-                    mean=-float(beside[_SIGN]) if form == "friction" else 0.0,
+                    mean=-float(others[_SIGN]) if form == "friction" else 0.0,
                 )
             )
     return tuple(found)

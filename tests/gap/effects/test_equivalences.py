@@ -31,6 +31,7 @@ CASES = {
     ("encoder_offset", "base_tilt"): (SWINGING, 1, (TURN,), (0.0, TURN)),
     ("com_offset", "encoder_offset"): (SWINGING, 1, TURNED, (TURN,)),
     ("com_offset", "base_tilt"): (SWINGING, 1, TURNED, (0.0, TURN)),
+    ("encoder_gain", "torque_constant"): (LEVEL, 1, (0.2,), (0.2,)),
     # The mass is 0.2 m from the axis.
     ("armature", "payload"): (
         LEVEL.replace('"0 0 1"', '"0 0 1" pos="0.2 0 0"'),

@@ -7,7 +7,7 @@ import pytest
 from dm_control import composer
 
 from tests.gap.effects.machine import AWKWARD, JOINTS, PLAIN, commands, robot_of
-from walkerkit.actuators import ActuatorCmd
+from tests.gap.simulation.follow import Follow
 from walkerkit.actuators.drivetrain import LAWS
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.recording import Recording
@@ -35,33 +35,6 @@ NATIVE = [
     "encoder_offset",
     "base_tilt",
 ]
-
-
-class Follow(composer.Task):
-    """Starts where a log does, and sends its targets."""
-
-    def __init__(self, walker, targets, step):
-        self._arena = composer.Arena()
-        # dm_control's own arenas solve friction once more after each step.
-        self._arena.mjcf_model.option.remove()
-        self._arena.attach(walker)
-        self._walker, self._targets, self._row = walker, targets, 0
-        self.set_timesteps(step, step)
-
-    @property
-    def root_entity(self):
-        return self._arena
-
-    def initialize_episode(self, physics, random_state):
-        joints = physics.bind(self._walker.observable_joints)
-        joints.qpos, joints.qvel, self._row = self._targets[0], 0.0, 0
-
-    def before_step(self, physics, action, random_state):
-        self._walker.command = ActuatorCmd(position_target=self._targets[self._row])
-        self._row += 1
-
-    def get_reward(self, physics):
-        return 0.0
 
 
 def log(step):
