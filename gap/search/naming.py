@@ -150,15 +150,12 @@ class _Search:
             if better is None or exchanges == _MOST_EXCHANGES:
                 break
             exchanges += 1
-            current, base = self._settled(
-                self._kept(better, [better.structure.terms[-1].effect])
-            )
+            current, base = self._settled(self._kept(better, [better.structure.terms[-1].effect]))
         self._refine(current)
         return self._told(current, base, contests)
 
     def _grown(self, current: Fit, base: Evidence) -> tuple[Fit, Evidence] | None:
         """The fit with one or two more effects, or None where nothing is worth it."""
-        problem = self._problem
         tried = self._try(current, base)
         fits, evidence = list(tried.fits), Evidence.joined([base, tried.evidence])
         # The numerical error was that of the current model; those who could win get their own.
@@ -169,15 +166,8 @@ class _Search:
         if winner is None:
             self._refine(current)
             return None
-        found = fits[winner]
-        self._problem.race.refine(found)
-        self._refine(found)
-        for effect in [
-            term.effect for term in found.structure.terms[len(current.structure.terms) :]
-        ]:
-            term = next(term for term in found.structure.terms if term.effect is effect)
-            found = places_needed(problem, found, term)
-        found = self._without_the_needless(found)
+        added = fits[winner].structure.terms[len(current.structure.terms) :]
+        found = self._kept(fits[winner], [term.effect for term in added])
         if _key(found.structure) in self._tried:  # what was added does not hold
             self._refine(current)
             return None
@@ -224,7 +214,7 @@ class _Search:
         for half in {id(h): h for h in (problem.screen, problem.race)}.values():
             half.refine(current)
         view = look(problem.screen, current, [v for term in terms for v in term.variants])
-        chosen = _proposals(view)
+        chosen = [m for m in _proposals(view) if count + len(m) <= MOST_EFFECTS]
         if not chosen:
             self._tried[key] = none
             return none
@@ -297,12 +287,12 @@ class _Search:
         return _Contest(
             fits=fits,
             evidence=evidence,
-            close=tuple(close_to(problem, contest)),
+            close=tuple(close_to(contest, len(problem.channels))),
             better=fits[min(better, key=lambda k: contest.both[k])] if better else None,
         )
 
     def _is_better(self, contest: Evidence, k: int, larger: bool) -> bool:
-        if 0 in close_to(self._problem, contest, first=k):
+        if 0 in close_to(contest, len(self._problem.channels), first=k):
             return False
         better = bool(contest.both[k] < contest.both[0])
         return better and (not larger or worth_it(self._problem, contest, k))
@@ -330,7 +320,9 @@ class _Search:
                         for k in (0, *order)
                     ),
                     named=term,
-                    confidence=confidence(problem, contest.evidence.some(range(len(contest.fits)))),
+                    confidence=confidence(
+                        contest.evidence.some(range(len(contest.fits))), len(problem.channels)
+                    ),
                     fit=one,
                     evidence=weigh(problem, [one]),
                 )

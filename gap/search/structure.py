@@ -188,8 +188,10 @@ def merged(structure: Structure) -> Structure:
     for term in structure.terms:
         known = terms.get(term.effect.name)
         if known is not None:
-            sites = dict.fromkeys((*known.sites, *term.sites))
-            term = replace(known, sites=tuple(sites))
+            sites = {*known.sites, *term.sites}
+            robot = structure.robots[0]
+            order = [*robot.joints, *robot.bodies, EVERYWHERE]
+            term = replace(known, sites=tuple(sorted(sites, key=order.index)))
         terms[term.effect.name] = term
     return Structure(tuple(terms.values()), structure.robots)
 

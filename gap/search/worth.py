@@ -42,16 +42,16 @@ def worth_it(problem: Problem, evidence: Evidence, k: int, base: int = 0) -> boo
     return bool(large and by_chance < _CHANCE and (explained > least).any())
 
 
-def close_to(problem: Problem, contest: Evidence, first: int = 0) -> list[int]:
+def close_to(contest: Evidence, channels: int, first: int = 0) -> list[int]:
     """Fits that explain as well as fit `first`: by score, or in more than chance of resamples."""
     resampled = contest.both_resampled
     ahead = np.mean(resampled <= resampled[:, first : first + 1], axis=0)
-    near = len(problem.channels) * (contest.both - contest.both[first]) < _CLOSE
+    near = channels * (contest.both - contest.both[first]) < _CLOSE
     return [k for k in range(len(near)) if k != first and (near[k] or ahead[k] > _CHANCE)]
 
 
-def confidence(problem: Problem, contest: Evidence) -> float:
+def confidence(contest: Evidence, channels: int) -> float:
     """How often fit 0 is best in resampled recordings, ties shared."""
-    scores = len(problem.channels) * contest.both_resampled
+    scores = channels * contest.both_resampled
     best = scores < scores.min(axis=1, keepdims=True) + 0.5 * _CLOSE
     return float((best[:, 0] / best.sum(axis=1)).mean())
