@@ -130,7 +130,7 @@ class StribeckFriction(LawEffect):
     source = "Stribeck, VDI-Zeitschrift 46, 1902; Tustin, Journal of the IEE 94, 1947"
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
-        """How much more there is at rest, and the speed at which it has fallen to 37 %."""
+        """How much more there is at rest, where it has fallen to 37 %, and how suddenly."""
         excursion, known = robot.excursion(site), self.known(robot, site)
         size, speed = 0.1 * excursion.effort, excursion.velocity
         slide = robot.joints[site].slide
@@ -153,6 +153,15 @@ class StribeckFriction(LawEffect):
                 upper=max(2 * speed, known_speed),
                 scale=0.02 * speed,
                 starts=(0.02 * speed, 0.15 * speed, 0.02 * speed, 0.15 * speed),
+            ),
+            Parameter(
+                name="exponent",
+                unit="1",
+                zero=known["exponent"],
+                lower=0.3,
+                upper=3.0,
+                scale=0.2,
+                starts=(1.0, 1.0, 1.0, 1.0),
             ),
         )
 

@@ -25,15 +25,22 @@ from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
 
 
+_TIMESTEP, _INTEGRATOR = "opt.timestep", "opt.integrator"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rebuild:
     """How the robot of a variant differs from the one that is given.
 
     Attributes:
         play: joints that get play, in order.
+        parts: steps that it makes in place of one.
+        other_integrator: explicit integration exchanged for implicit, or the other way round.
     """
 
     play: tuple[str, ...] = ()
+    parts: int = 1
+    other_integrator: bool = False
 
     @property
     def needed(self) -> bool:
@@ -48,8 +55,15 @@ def rebuilds(trials: Trials) -> list[tuple[Rebuild, NDArray[np.intp]]]:
     plays = {
         joint: (play["half_width"] > 0) | (play["compliance"] > 0) for joint, play in given.items()
     }
+    option = trials.robot.model.opt
+    steps = trials.fields.get(_TIMESTEP, trials.own(_TIMESTEP))
+    others = trials.fields.get(_INTEGRATOR, trials.own(_INTEGRATOR)) != option.integrator
     for row in range(trials.n):
-        rebuild = Rebuild(play=tuple(joint for joint, some in plays.items() if some[row]))
+        rebuild = Rebuild(
+            play=tuple(joint for joint, some in plays.items() if some[row]),
+            parts=round(option.timestep / float(steps[row])),
+            other_integrator=bool(others[row]),
+        )
         rows.setdefault(rebuild, []).append(row)
     return [(rebuild, np.array(some, dtype=np.intp)) for rebuild, some in rows.items()]
 
@@ -66,6 +80,8 @@ class Rebuilt:
     """
 
     def __init__(self, rebuild: Rebuild, robot: Robot):
+        if rebuild.parts > 1 or rebuild.other_integrator:
+            robot = robot.refined(rebuild.parts, other_integrator=rebuild.other_integrator)
         self.robot = with_play(robot, rebuild.play) if rebuild.play else robot
         self._played = rebuild.play
 
@@ -76,6 +92,8 @@ class Rebuilt:
             trials: variants of the robot as it is given that need this one.
         """
         moved = trials.on(self.robot, self._carried)
+        for name in (_TIMESTEP, _INTEGRATOR):
+            moved.fields.pop(name, None)
         armature = trials.fields.get("dof_armature", trials.own("dof_armature"))
         for joint in self._played:
             play = trials.play(joint)

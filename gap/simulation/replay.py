@@ -67,9 +67,10 @@ class _Group:
         self.past = int(np.ceil(_LONGEST_DELAY / step)) + self.memory + self.controlled
         self.joints = segments[0].recording.joints
         self.routes = [routes(robot, segment.recording) for segment in segments]
+        # Windows share their recordings.
+        recordings = {id(segment.recording): segment.recording for segment in segments}
         self.states = {
-            id(segment.recording): MeasuredState(segment.recording, self.joints)
-            for segment in segments
+            key: MeasuredState(recording, self.joints) for key, recording in recordings.items()
         }
         self.base = (
             None if robot.base is None else FloatingBase(robot, robot.base, segments, self.states)

@@ -37,11 +37,13 @@ class EffectContract:
     Attributes:
         name: the effect.
         may_be_out_of_reach: whether some of its starts may lie where the motion never gets.
+        chosen: whether its values are chosen among its starts and not fitted.
         idle: parameters that mean nothing where there is nothing of the effect, such as a limit.
     """
 
     name = ""
     may_be_out_of_reach = False
+    chosen = False
     idle: tuple[str, ...] = ()
 
     def plant(self, machine):
@@ -106,7 +108,10 @@ class EffectContract:
             for start in starts:
                 values = np.tile(structure.zero, (len(columns) + 1, 1))
                 values[:, columns] = start
-                for row, column in enumerate(columns, start=1):
+                if self.chosen:  # from nothing to each start, instead of from there
+                    values = np.tile(structure.zero, (2, 1))
+                    values[1, columns] = start
+                for row, column in enumerate([] if self.chosen else columns, start=1):
                     move = 0.02 * structure.scale[column]
                     inside = values[row, column] + move <= structure.bounds[1][column]
                     values[row, column] += move if inside else -move

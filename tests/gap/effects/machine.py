@@ -86,7 +86,7 @@ class Machine:
     """The real robot: the model stepped by hand, with what an effect plants in it.
 
     Attributes:
-        model: the plain MuJoCo model, to be written to.
+        model: the plain MuJoCo model, to be written to. Its timestep may be a whole part of `STEP`.
         controller, drive, gear: parts of the robot that MuJoCo does not have, each called once a
             step with a `Now` to change: before the drives, after them, and last.
         command_age, sensor_age: steps.
@@ -139,7 +139,8 @@ class Machine:
                 self.gear(now)
             model.dof_frictionloss[:] = dry + now.friction
             data.qfrc_applied[:] = self.applied + now.effort - native + now.extra
-            mujoco.mj_step(model, data)
+            for _ in range(round(STEP / model.opt.timestep)):
+                mujoco.mj_step(model, data)
             rows.append(np.r_[self.shown(now.q + self.offset), now.effort * self.effort_factor])
         rows = np.array(rows)
         position, effort = np.split(rows, 2, axis=1)

@@ -42,16 +42,16 @@ class TestAsymmetricFriction(EffectContract):
 
 class TestStribeckFriction(EffectContract):
     name = "stribeck_friction"
-    idle = ("velocity",)
+    idle = ("velocity", "exponent")
 
     def plant(self, machine):
         knee = stiffened(machine, "knee")
 
         def gear(now):
-            now.friction[knee] += 0.52 * math.exp(-abs(now.qd[knee]) / 0.31)
+            now.friction[knee] += 0.52 * math.exp(-((abs(now.qd[knee]) / 0.31) ** 1.4))
 
         machine.gear = gear
-        return {"knee": [0.52, 0.31]}
+        return {"knee": [0.52, 0.31, 1.4]}
 
 
 class TestLoadDependentFriction(EffectContract):
