@@ -167,31 +167,30 @@ class StribeckFriction(LawEffect):
 
 
 class PreslidingFriction(LawEffect):
-    """Bristles, seals or grease that bend before the joint slides; all its dry friction does."""
+    """Bristles, seals or grease that bend before the joint slides; all its dry friction does.
+
+    Dry friction of any gear gives a little before it slides. A bend that no log of this motion
+    would show is `coulomb_friction`, so it begins at a few thousandths of the range.
+    """
 
     law = drivetrain.PreslidingFriction
     dry = True
     name = "presliding_friction"
     equation = (
-        "τ = −σ₀ z, ż = q̇ − σ₀|q̇| z/Fc; Fc: frictionloss, more than the model's [N·m], "
-        "σ₀: bristle_stiffness [N·m/rad]"
+        "τ = −σ₀ z, ż = q̇ − σ₀|q̇| z/Fc, σ₀ = Fc/s; Fc: frictionloss, more than the model's [N·m], "
+        "s: bend [rad]"
     )
     symptom = "hysteresis below breakaway"
     added_as = "joint frictionloss, and a drivetrain law in actuators.json"
     source = "Canudas de Wit, Olsson, Åström, Lischinsky (LuGre), IEEE TAC 40, 1995"
+    extends = ("coulomb_friction",)
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
-        """The friction to add, and the bristles' stiffness, up to what the timestep can resolve."""
+        """The friction to add, and how far the bristles bend."""
         joint, excursion = robot.joints[site], robot.excursion(site)
-        known = self.known(robot, site)["bristle_stiffness"]
         size = 0.1 * excursion.effort
         own = float(robot.model.dof_frictionloss[joint.dof])
-        hardest = float(robot.model.dof_M0[joint.dof]) / robot.model.opt.timestep**2
-        zero = min(known, hardest)
-        softest = min(0.1 * size / excursion.range, 0.01 * zero)
-        added = (size, size, 4 * size, 4 * size)
-        bend = np.array([0.005, 0.03, 0.005, 0.03]) * excursion.range
-        stiffness = np.clip((own + np.array(added)) / bend, 2 * softest, 0.5 * hardest)
+        least = 0.003 * excursion.range
         return (
             Parameter(
                 name="frictionloss",
@@ -199,15 +198,28 @@ class PreslidingFriction(LawEffect):
                 lower=-own,
                 upper=20 * size,
                 scale=size,
-                starts=added,
+                starts=(size, size, 4 * size, 4 * size),
             ),
             Parameter(
-                name="bristle_stiffness",
-                unit="N/m" if joint.slide else "N·m/rad",
-                zero=zero,
-                lower=softest,
-                upper=hardest,
-                scale=0.2 * float(stiffness.min()),
-                starts=tuple(map(float, stiffness)),
+                name="bend",
+                unit="m" if joint.slide else "rad",
+                zero=least,
+                lower=least,
+                upper=excursion.range,
+                scale=2 * least,
+                starts=(2 * least, 10 * least, 2 * least, 10 * least),
             ),
         )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Writes friction and bristles, in the variants that have either changed."""
+        model, dof = trials.robot.model, trials.robot.joints[site].dof
+        zero = [parameter.zero for parameter in self.parameters(trials.robot, site)]
+        changed = (values != zero).any(axis=1)
+        level = trials.field("dof_frictionloss")[:, dof]
+        level[changed] += values[changed, 0]
+        # Bristles that are stiffer than the timestep resolves would drive the joint.
+        hardest = float(model.dof_M0[dof]) / model.opt.timestep**2
+        stiffness = np.minimum(level / values[:, 1], hardest)
+        trials.law(self.law, site)["bristle_stiffness"][changed] = stiffness[changed]
+        stiffen_dry_friction(trials, site, changed)

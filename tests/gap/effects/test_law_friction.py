@@ -84,7 +84,7 @@ class TestDirectionalEfficiency(EffectContract):
 
 class TestPreslidingFriction(EffectContract):
     name = "presliding_friction"
-    idle = ("bristle_stiffness",)
+    idle = ("bend",)
 
     def plant(self, machine):
         bent = 0.0
@@ -97,4 +97,4 @@ class TestPreslidingFriction(EffectContract):
             now.extra[1] -= 45.0 * bent
 
         machine.gear = gear
-        return {"knee": [0.4, 45.0]}
+        return {"knee": [0.4, 0.4 / 45.0]}
