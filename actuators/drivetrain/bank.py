@@ -53,6 +53,12 @@ class LawBank:
                 else:
                     state[name][rows] = np.nan
 
+    def remember(self, law: type[DrivetrainLaw], state: State) -> None:
+        """Tells a law what it remembers; see its `state`."""
+        for (other, _), own in zip(self._laws, self._states, strict=True):
+            if other is law:
+                own.update(state)
+
     def run(self, stage: Stage, step: Step) -> None:
         """Lets the laws of a stage change the step."""
         for law, p, state in self._of_stage[stage]:

@@ -17,6 +17,7 @@ _FAMILIES = (
     "friction",
     "inertia",
     "transmission",
+    "play",
     "actuation",
     "timing",
     "measurement",

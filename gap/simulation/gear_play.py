@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -32,7 +32,7 @@ FloatArray = NDArray[np.float64]
 
 SUFFIX = "_play"
 _WIDE = 1e3  # rad; half a range that is none
-_HARD = 0.99  # impedance of the stops of a gap, as near to 1 as the solver likes
+_HARD = 0.95  # impedance of the stops of a gap; harder ones ring, softer ones widen it under load
 _SOFT = 0.01  # that of stops which give way: what it is above 0 acts like a mass at the stop
 _STEPS = 2  # a stop's time constant; MuJoCo allows no shorter one
 _STIFFEST = 1.0  # √(K/I) h
@@ -160,12 +160,12 @@ def set_play(
         trials.field("dof_armature")[:, motor.dof] = rotor
     inertia = 1 / (1 / rotor + _link_mobility(model, motor, play))
     sprung = values["compliance"] > 0
-    softest = (model.opt.timestep / _STIFFEST) ** 2 / inertia
-    stiffness = np.where(sprung, 1 / np.maximum(values["compliance"], softest), 0.0)
+    least = stiffest(model.opt.timestep, inertia)
+    stiffness = np.where(sprung, 1 / np.maximum(values["compliance"], least), 0.0)
     damping = 2 * values["damping_ratio"] * np.sqrt(stiffness * inertia)
-    gap = values["half_width"] > 0
+    gap = values["width"] > 0
     trials.field("jnt_limited")[:, play.id] = gap
-    trials.field("jnt_range")[:, play.id] = values["half_width"][:, None] * [-1.0, 1.0]
+    trials.field("jnt_range")[:, play.id] = values["width"][:, None] * [-0.5, 0.5]
     trials.field("jnt_stiffness")[:, play.id] = np.where(gap, 0.0, stiffness)
     trials.field("dof_damping")[:, play.dof] = np.where(gap, 0.0, damping)
     both = gap & sprung
@@ -175,6 +175,19 @@ def set_play(
         own = np.stack([stiffness, damping], axis=1) * ((1 - _SOFT) / inertia)[:, None]
         trials.field("jnt_solref")[both, play.id] = -own[both]
         trials.field("jnt_solimp")[both, play.id, :2] = _SOFT
+
+
+Number = TypeVar("Number", float, FloatArray)
+
+
+def stiffest(step: float, inertia: Number) -> Number:
+    """The compliance of the stiffest spring that a timestep can follow [rad/(N·m); m/N].
+
+    Args:
+        step: the timestep [s].
+        inertia: of rotor against link [kg·m²; kg].
+    """
+    return (step / _STIFFEST) ** 2 / inertia
 
 
 def loads(

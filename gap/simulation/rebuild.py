@@ -52,9 +52,7 @@ def rebuilds(trials: Trials) -> list[tuple[Rebuild, NDArray[np.intp]]]:
     """The robots that the variants need, each with its rows."""
     rows: dict[Rebuild, list[int]] = {}
     given = {joint: trials.play(joint) for joint in sorted({joint for joint, _ in trials.plays})}
-    plays = {
-        joint: (play["half_width"] > 0) | (play["compliance"] > 0) for joint, play in given.items()
-    }
+    plays = {joint: (play["width"] > 0) | (play["compliance"] > 0) for joint, play in given.items()}
     option = trials.robot.model.opt
     steps = trials.fields.get(_TIMESTEP, trials.own(_TIMESTEP))
     others = trials.fields.get(_INTEGRATOR, trials.own(_INTEGRATOR)) != option.integrator
@@ -97,7 +95,7 @@ class Rebuilt:
         armature = trials.fields.get("dof_armature", trials.own("dof_armature"))
         for joint in self._played:
             play = trials.play(joint)
-            rotor = armature[:, trials.robot.joints[joint].dof] + play["rotor"]
+            rotor = armature[:, trials.robot.joints[joint].dof] + play["armature"]
             set_play(moved, joint, play, rotor)
         return moved
 

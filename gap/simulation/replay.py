@@ -25,6 +25,7 @@ from walkerkit.gap.simulation.commands import Hold, Route, between_samples, rout
 from walkerkit.gap.simulation.floating import FloatingBase
 from walkerkit.gap.simulation.gear_play import bend, loads
 from walkerkit.gap.simulation.interpolate import at_index, delayed
+from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measured_past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds
@@ -38,6 +39,7 @@ FloatArray = NDArray[np.float64]
 
 _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
 _CONTROLLED = 1.0  # s of them that controllers which remember targets see besides
+_WARM = 0.15  # s of the measured past that laws see
 _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
 _CHUNK_BYTES = 2**28
 _MOST_REBUILT = 24  # robots kept for variants that need another compilation
@@ -206,7 +208,7 @@ class Replay:
         predicted = np.full((trials.n, *self.measured.shape), np.nan)
         model = self.robot.model
         for group in self._groups:
-            row_bytes = 8 * group.steps * (model.nq + 2 * model.nv + model.nu)
+            row_bytes = 8 * (group.steps + group.past) * (model.nq + 2 * model.nv + model.nu)
             chunk = max(1, _CHUNK_BYTES // (row_bytes * len(group.segments)))
             for start in range(0, trials.n, chunk):
                 rows = np.arange(start, min(start + chunk, trials.n))
@@ -230,7 +232,8 @@ class Replay:
         early = ((rate - 1) * group.durations[:, None] - prompt).max()
         steps = group.steps + round(lead.max() / step) + int(np.ceil(max(early, 0) / step - 1e-9))
 
-        first_shown = self._initial_state(group, (behind - lead[..., None]) / rate)
+        later = (behind - lead[..., None]) / rate  # than a segment's first sample it starts
+        first_shown = self._initial_state(group, later)
         readings = [_reading(trials, name) for name in group.joints]
         first = [
             reading.joint(first_shown[0][..., [k]], first_shown[1][..., [k]])
@@ -250,13 +253,13 @@ class Replay:
         shift = np.tile(lead[..., None], model.nu)
         for index, (name, drive) in group.drives.items():
             shift[..., index] += trials.command_delay[name][:, None]
-            later = (trials.command_delay[name] != 0) | lawful
-            if model.actuator_delay[drive.actuator] and later.any():
+            merged = (trials.command_delay[name] != 0) | lawful
+            if model.actuator_delay[drive.actuator] and merged.any():
                 # As one delay: two interpolations between steps would smooth twice. And laws have
                 # to see what the drive sees.
                 own = fields.get("actuator_delay", trials.own("actuator_delay")).copy()
-                shift[later, :, index] += own[later, drive.actuator, None]
-                own[later, drive.actuator] = 0
+                shift[merged, :, index] += own[merged, drive.actuator, None]
+                own[merged, drive.actuator] = 0
                 fields["actuator_delay"] = own
         laws = Laws(model, joints, fields, trials, n_segments) if lawful else None
         before = group.memory + (group.controlled if lawful else 0)
@@ -286,6 +289,14 @@ class Replay:
             raised = group.base.settle(batch, start, controls[:, 0], each)
         changed = None
         if laws is not None and laws.stepwise:
+            warm = min(int(np.ceil(_WARM / step)), before)
+            q, qd = measured_past(
+                group.segments,
+                [group.states[id(segment.recording)] for segment in group.segments],
+                later,
+                readings,
+                step * np.arange(-warm, 0),
+            )
             rollout, changed = rollout_with_laws(
                 batch,
                 start,
@@ -294,6 +305,16 @@ class Replay:
                 qfrc_applied=beside,
                 record=record,
                 time=clock,
+                past=Past(
+                    ctrl=ctrl[:, :, before - warm : before].reshape(len(q), warm, -1),
+                    q=q,
+                    qd=qd,
+                    integral=integral_at_start(
+                        laws, batch, start, group.segments, group.routes, controls[:, 0]
+                    )
+                    if group.base is None
+                    else None,
+                ),
             )
             if changed is not None:
                 changed = changed.reshape(n, n_segments, steps, -1)

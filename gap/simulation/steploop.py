@@ -8,31 +8,17 @@ time before the first step comes from what was measured then.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain import LawBank
+from walkerkit.actuators.drivetrain import IntegralAction, LawBank
 from walkerkit.gap.simulation.drive_forces import adjoining
+from walkerkit.gap.simulation.law_memory import Past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.walkers.batch import LockStep, Rollout
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Past:
-    """What was commanded and measured in the steps before the first.
-
-    Attributes:
-        ctrl: (n_sims, n_steps, nu) controls as the drives received them.
-        q, qd: (n_sims, n_steps, n_joints) positions and velocities of the joints.
-    """
-
-    ctrl: FloatArray
-    q: FloatArray
-    qd: FloatArray
 
 
 def rollout_with_laws(
@@ -102,6 +88,8 @@ def rollout_with_laws(
             loop.begin(past.ctrl, time - laws.dt * past.ctrl.shape[1])
             for k in range(past.ctrl.shape[1]):
                 loop.warm(k, past.q[:, k], past.qd[:, k])
+            if past.integral is not None:
+                bank.remember(IntegralAction, {"effort": past.integral})
         loop.begin(ctrl, time)
         return batch.step_by_step(state, n_steps, before, record=record), changed
 

@@ -23,7 +23,7 @@ from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
 
-_PLAY = ("half_width", "compliance", "damping_ratio", "rotor")
+_PLAY = ("width", "compliance", "damping_ratio", "armature")
 
 
 class Trials:
@@ -91,9 +91,9 @@ class Trials:
     def play(self, joint: str) -> dict[str, FloatArray]:
         """The play between a joint and its link, (n,) values each, none at first, to write to.
 
-        `half_width` of a gap [rad; m]; `compliance` of the gear [rad/(N·m); m/N] and its
+        `width` of a gap [rad; m]; `compliance` of the gear [rad/(N·m); m/N] and its
         `damping_ratio`, for rotor against link; there is play where one of the first two is not 0.
-        `rotor` is then added to the joint's armature, which its rotor has [kg·m²; kg].
+        `armature` is then added to the joint's, which is that of its rotor [kg·m²; kg].
         """
         for name in _PLAY:
             if (joint, name) not in self.plays:

@@ -13,6 +13,7 @@ from walkerkit.gap.simulation.robot import robot_from_spec
 
 STEP = 0.002
 JOINTS = ("hip", "knee")
+ADDRESSES = ("qposadr", "dofadr")
 LEG = """
 <mujoco><compiler angle="{angle}"/><option timestep="0.002" integrator="implicitfast"/>
 <worldbody><body name="thigh"><joint name="hip" axis="1 0 0" damping="0.2" armature="0.01" {hip}/>
@@ -86,7 +87,8 @@ class Machine:
     """The real robot: the model stepped by hand, with what an effect plants in it.
 
     Attributes:
-        model: the plain MuJoCo model, to be written to. Its timestep may be a whole part of `STEP`.
+        model: the plain MuJoCo model, to be written to; or another one with the same joints. Its
+            timestep may be a whole part of `STEP`.
         controller, drive, gear: parts of the robot that MuJoCo does not have, each called once a
             step with a `Now` to change: before the drives, after them, and last.
         command_age, sensor_age: steps.
@@ -115,13 +117,15 @@ class Machine:
         steps = round(seconds / STEP)
         time = STEP * np.arange(steps)
         targets = commands(time)
-        dry = model.dof_frictionloss.copy()
+        joints = [model.joint(name) for name in JOINTS]
+        at, dofs = (np.concatenate([getattr(j, name) for j in joints]) for name in ADDRESSES)
+        dry = model.dof_frictionloss[dofs]
         rows = []
         for k in range(-settle, steps):
             now = Now(
                 time=k * STEP,
-                q=data.qpos.copy(),
-                qd=data.qvel.copy(),
+                q=data.qpos[at],
+                qd=data.qvel[dofs],
                 target=commands(np.array([max(0, k - self.command_age) * STEP]))[0] - self.offset,
             )
             if self.controller is not None:
@@ -131,14 +135,14 @@ class Machine:
                 data.ctrl[drive.ctrl] = drive.control(float(target))
             mujoco.mj_step1(model, data)
             mujoco.mj_fwdActuation(model, data)
-            native = data.qfrc_actuator.copy()
+            native = data.qfrc_actuator[dofs]
             now.effort = native.copy()
             if self.drive is not None:
                 self.drive(now)
             if self.gear is not None:
                 self.gear(now)
-            model.dof_frictionloss[:] = dry + now.friction
-            data.qfrc_applied[:] = self.applied + now.effort - native + now.extra
+            model.dof_frictionloss[dofs] = dry + now.friction
+            data.qfrc_applied[dofs] = self.applied + now.effort - native + now.extra
             for _ in range(round(STEP / model.opt.timestep)):
                 mujoco.mj_step(model, data)
             rows.append(np.r_[self.shown(now.q + self.offset), now.effort * self.effort_factor])
