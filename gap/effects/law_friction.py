@@ -50,6 +50,7 @@ class DirectionalEfficiency(LawEffect):
     equation = "τ η₁ while τ q̇ > 0, τ η₂ while τ q̇ < 0; η₁: driving [1], η₂: backdriving [1]"
     symptom = "drive ≠ backdrive"
     source = "Wang, Kim, Directional efficiency in geared transmissions, IEEE ICRA 2015"
+    extends = ("load_dependent_friction", "torque_constant")
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """Both factors."""
@@ -128,6 +129,7 @@ class StribeckFriction(LawEffect):
     equation = "τ = −(Fs − Fc) exp(−|q̇|/vs) sgn q̇, Fs − Fc: breakaway [N·m], vs: velocity [rad/s]"
     symptom = "low speed, stick-slip"
     source = "Stribeck, VDI-Zeitschrift 46, 1902; Tustin, Journal of the IEE 94, 1947"
+    extends = ("coulomb_friction",)
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """How much more there is at rest, where it has fallen to 37 %, and how suddenly."""
