@@ -113,7 +113,7 @@ class View:
         """The magnitude at each place that goes best with the residual, of places that matter."""
         offset = len(self._columns)
         best: dict[str, int] = {}
-        explained = self._explained(one.changes)
+        explained = self._explained(one.changes) if one.places else np.zeros(0)
         for k, place in enumerate(one.places):
             if explained[k] > 0 and (place not in best or explained[k] > explained[best[place]]):
                 best[place] = k
