@@ -50,6 +50,7 @@ class DirectionalEfficiency(LawEffect):
     equation = "τ η₁ while τ q̇ > 0, τ η₂ while τ q̇ < 0; η₁: driving [1], η₂: backdriving [1]"
     symptom = "drive ≠ backdrive"
     source = "Wang, Kim, Directional efficiency in geared transmissions, IEEE ICRA 2015"
+    extends = ("load_dependent_friction", "torque_constant")
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """Both factors."""
@@ -128,6 +129,7 @@ class StribeckFriction(LawEffect):
     equation = "τ = −(Fs − Fc) exp(−|q̇|/vs) sgn q̇, Fs − Fc: breakaway [N·m], vs: velocity [rad/s]"
     symptom = "low speed, stick-slip"
     source = "Stribeck, VDI-Zeitschrift 46, 1902; Tustin, Journal of the IEE 94, 1947"
+    extends = ("coulomb_friction",)
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """How much more there is at rest, where it has fallen to 37 %, and how suddenly."""
@@ -167,7 +169,11 @@ class StribeckFriction(LawEffect):
 
 
 class PreslidingFriction(JointEffect):
-    """Bristles, seals or grease that bend before the joint slides; all its dry friction does."""
+    """Bristles, seals or grease that bend before the joint slides; all its dry friction does.
+
+    Dry friction of any gear gives a little before it slides. A bend that no log of this motion
+    would show is `coulomb_friction`, so it begins at a few thousandths of the range.
+    """
 
     name = "presliding_friction"
     equation = (
@@ -177,18 +183,20 @@ class PreslidingFriction(JointEffect):
     symptom = "hysteresis below breakaway"
     added_as = "joint frictionloss, and a drivetrain law in actuators.json"
     source = "Canudas de Wit, Olsson, Åström, Lischinsky (LuGre), IEEE TAC 40, 1995"
+    extends = ("coulomb_friction",)
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""
         return True
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
-        """The friction to add, and how far the bristles of all of it bend; rigid ones do not."""
+        """The friction to add, and how far the bristles of all of it bend."""
         joint, excursion = robot.joints[site], robot.excursion(site)
         own = float(robot.model.dof_frictionloss[joint.dof])
         laws = robot.laws.get(site, {}).get(drivetrain.PreslidingFriction.name)
-        known = own / laws["bristle_stiffness"] if laws else 0.0
-        size, little, much = 0.1 * excursion.effort, 0.003 * excursion.range, 0.03 * excursion.range
+        size, little, much = 0.1 * excursion.effort, 0.006 * excursion.range, 0.03 * excursion.range
+        least = 0.5 * little
+        known = own / laws["bristle_stiffness"] if laws else least
         return (
             Parameter(
                 name="frictionloss",
@@ -202,7 +210,7 @@ class PreslidingFriction(JointEffect):
                 name="bend",
                 unit="m" if joint.slide else "rad",
                 zero=known,
-                lower=0.0,
+                lower=min(least, known),
                 upper=max(excursion.range, 2 * known),
                 scale=little,
                 starts=(little, much, little, much),
@@ -219,6 +227,6 @@ class PreslidingFriction(JointEffect):
         # Stiffer bristles than the timestep resolves would ring.
         hardest = float(model.dof_M0[joint.dof]) / model.opt.timestep**2
         stiffness = trials.law(drivetrain.PreslidingFriction, site)["bristle_stiffness"]
-        soft = changed & (values[:, 1] > 0) & (friction > 0)
+        soft = changed & (friction > 0)
         stiffness[changed] = drivetrain.PreslidingFriction.neutral["bristle_stiffness"]
         stiffness[soft] = np.minimum(friction[soft] / values[soft, 1], hardest)

@@ -102,6 +102,7 @@ class KinematicError(JointEffect):
     symptom = "periodic in q, no force"
     added_as = "measurement in actuators.json"
     source = "eccentric gears; Michalec, Precision Gearing: Theory and Practice, 1966"
+    extends = ("encoder_offset", "encoder_gain")
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""

@@ -126,6 +126,7 @@ class PoseDependentFriction(_Periodic):
     source = (
         "Armstrong-Hélouvry, Control of Machines with Friction, 1991, position-dependent friction"
     )
+    extends = ("coulomb_friction",)
 
     def size(self, robot: Robot, joint: str) -> tuple[float, float]:
         """Parts of the effort."""
@@ -165,6 +166,7 @@ class Cogging(_Periodic):
     equation = "τ = A sin(N q + φ); A: amplitude [N·m], N: periods [1/rad], φ: phase [rad]"
     symptom = "periodic in q"
     source = "MuJoCo XML reference, actuator/dcmotor/cogging"
+    extends = ("torque_bias", "parallel_spring")
 
     def size(self, robot: Robot, joint: str) -> tuple[float, float]:
         """Parts of the effort."""
@@ -189,6 +191,7 @@ class TorqueRipple(_Periodic):
     )
     symptom = "periodic, grows with effort"
     source = "Jahns, Soong, Pulsating torque minimization, IEEE Trans. Ind. Electronics 43, 1996"
+    extends = ("torque_constant",)
 
     def size(self, robot: Robot, joint: str) -> tuple[float, float]:
         """Parts of the effort."""

@@ -62,7 +62,7 @@ def confusion_set(rounds: Sequence[Round], most: int) -> list[Fit]:
         if one.named is not None and one.named.effect.name in kept:
             rivals = rivals_of(one, final)
             if rivals:
-                return [one.fit, *rivals[:most]]
+                return [one.candidates[0].fit, *rivals[:most]]
     return []
 
 

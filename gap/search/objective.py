@@ -97,6 +97,10 @@ class Objective:
         self._take_out_numerical_error(residual)
         return _per_case(residual, cases)
 
+    def simulated(self, cases: Sequence[Case]) -> list[FloatArray]:
+        """As `residuals`, with the numerical error in them."""
+        return _per_case(self._as_simulated(cases), cases)
+
     def linearised(self, cases: Sequence[Case]) -> list[tuple[FloatArray, FloatArray]]:
         """The residual of each case's first row, and what its other rows change of it.
 
@@ -168,7 +172,7 @@ class Objective:
                 groups.append(slice(start, i))
                 start, size = i, 0
             size += need
-        return [*groups, slice(start, len(cases))]
+        return [*groups, slice(start, len(cases))] if cases else []
 
     def mean_squares(self, cases: Sequence[Case]) -> list[FloatArray]:
         """(n, n_scored) mean square gaps a case, NaN for trials that diverged."""

@@ -25,7 +25,8 @@ FloatArray = NDArray[np.float64]
 REFINEMENT = 2  # how many times finer the timestep is that shows the numerical error
 # Velocity comes from the same encoder and adds its filter's lag.
 _SCORED = ("position", "effort", "base_position", "base_orientation")
-_RACE_STEPS, _RACE_WINDOW = 25_000, 4.0  # s
+_RACE_STEPS, _RACE_WINDOW = 12_000, 4.0  # s
+_SCREEN_STEPS, _SCREEN_WINDOW = 6_000, 1.0  # s
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
@@ -57,7 +58,8 @@ class Problem:
         robots: the robots; the effects' values are shared by all.
         joints: joints that the recordings measure.
         fit: recordings that are fitted.
-        race: what candidates are first tried on: `fit`, or a part of it where it is long.
+        race: what candidates are first fitted on: `fit`, or a part of it where it is long.
+        screen: short parts of `fit`, on which every effect is tried.
         held: recordings that are held out.
         noise: (n_scored,) noise of the scored channels.
         hold: what the targets are between their samples.
@@ -69,6 +71,7 @@ class Problem:
     joints: tuple[str, ...]
     fit: Half
     race: Half
+    screen: Half
     held: Half
     noise: FloatArray
     hold: Hold
@@ -151,12 +154,18 @@ def build(
 
     fit = half(fitted)
     # Windows are alike, so that every second or third tells as much of a candidate.
-    every = fit.objective.steps // _RACE_STEPS + 1
+    steps = fit.objective.steps
+
+    def part(most: int, length: float) -> Half:
+        every = -(-steps // most)
+        return fit if every == 1 else half(fitted, window or length, every)
+
     return Problem(
         robots=tuple(sized),
         joints=joints,
         fit=fit,
-        race=fit if every == 1 else half(fitted, window or _RACE_WINDOW, every),
+        race=part(_RACE_STEPS, _RACE_WINDOW),
+        screen=part(_SCREEN_STEPS, _SCREEN_WINDOW),
         held=half(held_out),
         noise=floor,
         hold=hold,
