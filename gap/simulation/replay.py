@@ -42,6 +42,7 @@ _CONTROLLED = 1.0  # s of them that controllers which remember targets see besid
 _WARM = 0.15  # s of the measured past that laws see
 _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
 _CHUNK_BYTES = 2**28
+_WORTH_THREADS = 64  # simulations, stepped one by one
 _MOST_REBUILT = 24  # robots kept for variants that need another compilation
 _APART = 0.01  # s; velocities so far apart tell the acceleration
 _RECORDS = {"position": "qpos", "velocity": "qvel", "effort": "qfrc_actuator"}
@@ -280,7 +281,10 @@ class Replay:
             bend(state, model, fields, group.played, group.loads)
         record = sorted({"qpos", *(_RECORDS[c.signal] for c in self.channels if not c.of_base)})
         each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
-        batch = LockStep(model, n * n_segments, fields=each, n_threads=self.n_threads)
+        threads = self.n_threads
+        if laws is not None and laws.stepwise and n * n_segments < _WORTH_THREADS:
+            threads = 1  # which would wait for each other in every step
+        batch = LockStep(model, n * n_segments, fields=each, n_threads=threads)
         applied = self._applied(group, trials, lead, steps)
         start = state.reshape(n * n_segments, -1)
         controls = ctrl[:, :, before:].reshape(n * n_segments, steps, -1)
