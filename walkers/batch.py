@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+_WORTH_THREADS = 6  # simulations
 # Model fields that mj_setConst reads: constants derived from them must follow a change.
 _SET_CONST_INPUTS = frozenset(mujoco.MjModel._setconst_inputs)
 _DIVERGED = [
@@ -87,7 +88,8 @@ class LockStep:
     ):
         self.model = model
         self.n_sims = n_sims
-        self._batch = Batch(model, n_sims, n_threads)
+        # Waking a second thread takes longer than a step of a few simulations.
+        self._batch = Batch(model, n_sims, 1 if n_sims < _WORTH_THREADS else n_threads)
         for name, values in (fields or {}).items():
             self._batch.expand(name)[...] = values
         if any(name in _SET_CONST_INPUTS for name in fields or {}):

@@ -65,7 +65,7 @@ def replay_half(problem: Problem, half_name: str, robots: Sequence[Robot]) -> Re
         robots: one for each of the problem's.
     """
     half: Half = getattr(problem, half_name)
-    coarse = iter(half.objective.replays)
+    coarse = iter(half.told)
     replays = []
     for robot, recordings in zip(robots, half.recordings, strict=True):
         if not recordings:
@@ -123,7 +123,7 @@ def gaps_of(replayed: Replayed) -> dict[str, float]:
 
 def gaps_with(problem: Problem, fit: Fit) -> dict[str, float]:
     """The held-out gap of every signal with a fit, numerical error and all."""
-    replays = tuple(problem.held.objective.replays)
+    replays = problem.held.told
     predicted = (
         replay.predict(fit.structure.trials(replay.robot, fit.values[None]))[0]
         for replay in replays

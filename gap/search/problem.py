@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.segments import cut
+from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.structure import Structure
@@ -25,7 +25,9 @@ FloatArray = NDArray[np.float64]
 REFINEMENT = 2  # how many times finer the timestep is that shows the numerical error
 # Velocity comes from the same encoder and adds its filter's lag.
 _SCORED = ("position", "effort", "base_position", "base_orientation")
-_RACE_STEPS, _RACE_WINDOW = 12_000, 4.0  # s
+# Whole rollouts are searched in stretches: side by side they take less time, and tell as much.
+_STRETCH = 3.0  # s
+_RACE_STEPS = 12_000
 _SCREEN_STEPS, _SCREEN_WINDOW = 6_000, 1.0  # s
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
@@ -37,11 +39,13 @@ class Half:
 
     Attributes:
         recordings: per robot.
-        objective: their comparison with the simulation.
+        told: their replays over the horizon that the gap is told of.
+        objective: their comparison with the simulation, in stretches.
         finer: the same at a finer timestep, and then with another integrator too.
     """
 
     recordings: tuple[tuple[Recording, ...], ...]
+    told: tuple[Replay, ...]
     objective: Objective
     finer: tuple[Objective, ...]
 
@@ -126,45 +130,55 @@ def build(
         for robot, fit, held in zip(robots, fitted, held_out, strict=True)
     ]
 
-    def half(
-        recordings: Sequence[Sequence[Recording]], length: float | None = window, every: int = 1
-    ) -> Half:
-        present = [(robot, r) for robot, r in zip(sized, recordings, strict=True) if r]
+    def replays(
+        recordings: Sequence[Sequence[Recording]],
+        parts: Callable[[Sequence[Recording]], tuple[Segment, ...]],
+        remade: Callable[[Robot], Robot] = lambda robot: robot,
+        kept: Sequence[Channel] = channels,
+    ) -> tuple[Replay, ...]:
+        return tuple(
+            Replay(remade(robot), parts(mine), kept, hold=hold, n_threads=n_threads)
+            for robot, mine in zip(sized, recordings, strict=True)
+            if mine
+        )
 
-        def objective(factor: int, other_integrator: bool) -> Objective:
-            replays = [
-                Replay(
-                    robot
-                    if factor == 1
-                    else robot.refined(factor, other_integrator=other_integrator),
-                    cut(mine, length)[::every],
-                    channels if factor == 1 else scored,
-                    hold=hold,
-                    n_threads=n_threads,
-                )
-                for robot, mine in present
-            ]
-            return Objective(replays, scored, _FLOOR * floor)
+    def half(
+        recordings: Sequence[Sequence[Recording]], length: float | None = None, every: int = 1
+    ) -> Half:
+        def parts(mine: Sequence[Recording]) -> tuple[Segment, ...]:
+            if window is not None or length is not None:
+                return cut(mine, window or length)[::every]
+            return tuple(s for one in mine for s in stretches(one, _STRETCH))[::every]
+
+        def finer(robot: Robot) -> Robot:
+            return robot.refined(REFINEMENT)
+
+        def otherwise(robot: Robot) -> Robot:
+            return robot.refined(REFINEMENT, other_integrator=True)
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
-            objective=objective(1, False),
-            finer=(objective(REFINEMENT, False), objective(REFINEMENT, True)),
+            told=replays(recordings, lambda mine: cut(mine, window)),
+            objective=Objective(replays(recordings, parts), scored, _FLOOR * floor),
+            finer=tuple(
+                Objective(replays(recordings, parts, remade, scored), scored, _FLOOR * floor)
+                for remade in (finer, otherwise)
+            ),
         )
 
     fit = half(fitted)
-    # Windows are alike, so that every second or third tells as much of a candidate.
+    # Stretches are alike, so that every second or third tells as much of a candidate.
     steps = fit.objective.steps
 
-    def part(most: int, length: float) -> Half:
+    def part(most: int, length: float | None = None) -> Half:
         every = -(-steps // most)
-        return fit if every == 1 else half(fitted, window or length, every)
+        return fit if every == 1 else half(fitted, length, every)
 
     return Problem(
         robots=tuple(sized),
         joints=joints,
         fit=fit,
-        race=part(_RACE_STEPS, _RACE_WINDOW),
+        race=part(_RACE_STEPS),
         screen=part(_SCREEN_STEPS, _SCREEN_WINDOW),
         held=half(held_out),
         noise=floor,
