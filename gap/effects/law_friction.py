@@ -145,7 +145,7 @@ class StribeckFriction(LawEffect):
                 lower=0.0,
                 upper=max(20 * size, 2 * known["breakaway"]),
                 scale=size,
-                starts=(size, size, 3 * size, 3 * size),
+                starts=(0.2 * size, size, 3 * size, 3 * size),
             ),
             Parameter(
                 name="velocity",
@@ -154,7 +154,7 @@ class StribeckFriction(LawEffect):
                 lower=min(1e-3 * speed, known_speed),
                 upper=max(2 * speed, known_speed),
                 scale=0.02 * speed,
-                starts=(0.02 * speed, 0.15 * speed, 0.02 * speed, 0.15 * speed),
+                starts=(0.1 * speed, 0.1 * speed, 0.02 * speed, 0.2 * speed),
             ),
             Parameter(
                 name="exponent",

@@ -46,7 +46,7 @@ class _Periodic(LawEffect):
                 Wave(
                     form=self.form,
                     periods=known["periods"],
-                    amplitude=float(np.clip(factor * known["amplitude"], 0.1 * size, most)),
+                    amplitude=min(factor * known["amplitude"], max(most, known["amplitude"])),
                     phase=known["phase"],
                 )
                 for factor in (0.7, 1.3)

@@ -17,7 +17,9 @@ from walkerkit.gap.report.regimes import EVERYWHERE, REGIMES
 
 LEVELS = 6
 _AT_FLOOR = 1.5  # a gap within this factor of its floor has the lightest shade
+_DARK = 8  # times that, at least, has the darkest: what is near its floor looks like it
 _MOST_COLUMNS = 8  # more joints than that are the rows, so that a phone shows a whole line
+_BESIDE = 6  # columns of two maps that fit beside each other
 _LONG = 8  # characters of a column's head that fit without turning it
 
 
@@ -61,12 +63,14 @@ class HeatMap:
         signal: its name in words.
         unit: what the numbers are in.
         heats: before, and after where anything was added.
+        wide: they have no room beside each other.
         legend: the largest gap of each level.
     """
 
     signal: str
     unit: str
     heats: tuple[Heat, ...]
+    wide: bool
     legend: tuple[str, ...]
 
 
@@ -93,19 +97,22 @@ def heat_map(of: GapMap, floor: float, *, mended: bool) -> HeatMap | None:
     top = max(at.rms for at in cells)
     unit = scale(top, of.unit)
     edges = _edges(floor, top)
+    heats = tuple(_heat(title, some, joints, regimes, unit, edges) for title, some in shown)
     return HeatMap(
         signal=wording.words(of.signal),
         unit=unit.unit,
-        heats=tuple(_heat(title, some, joints, regimes, unit, edges) for title, some in shown),
+        heats=heats,
+        wide=len(heats[0].head) > _BESIDE,
         legend=tuple(number(edge * unit.factor) for edge in edges),
     )
 
 
 def _edges(floor: float, top: float) -> list[float]:
     """The largest gap of each level, evenly in their logarithm."""
-    low = min(_AT_FLOOR * floor, top)
+    low = _AT_FLOOR * floor
     if low <= 0:
         low = top / 2**LEVELS
+    top = max(top, _DARK * low)
     return [low * (top / low) ** (k / (LEVELS - 1)) for k in range(LEVELS)]
 
 

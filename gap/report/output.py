@@ -89,7 +89,11 @@ def _write(result: Result, folder: Path) -> None:
     if len(names) > 1:
         _write_text(folder / MANIFEST, _manifest(result, names))
     write_report(
-        result.diagnosis, folder / REPORT, title=result.robots[0].stem, catalogue=CATALOGUE
+        result.diagnosis,
+        folder / REPORT,
+        title=result.robots[0].stem,
+        catalogue=CATALOGUE,
+        models=names,
     )
     _write_text(folder / DIAGNOSIS, result.diagnosis.to_json())
 

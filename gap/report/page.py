@@ -57,7 +57,7 @@ def write_report(
         path: the HTML file; an existing one is replaced.
         title: heading of the page, e.g. the model's name.
         catalogue: where the equations of the named effects are looked up; None leaves them out.
-        models: names of the mended models that lie beside the report.
+        models: names of the mended models that lie beside the report; none where nothing does.
 
     Raises:
         OSError: the file cannot be written.

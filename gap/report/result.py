@@ -118,7 +118,7 @@ class Result:
         from walkerkit.gap.report.page import write_report
 
         title = self.robots[0].stem
-        write_report(self.diagnosis, path, title=title, catalogue=CATALOGUE)
+        write_report(self.diagnosis, path, title=title, catalogue=CATALOGUE, models=())
         return Path(path)
 
     def save(self, folder: str | Path) -> Path:

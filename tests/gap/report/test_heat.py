@@ -55,6 +55,12 @@ def test_shades_grow_with_the_gap_and_start_at_the_floor() -> None:
     assert shown.legend[-1] == "30"
 
 
+def test_what_is_near_its_floor_is_never_dark() -> None:
+    shown = heat_map(MAP, 0.015, mended=False)
+    assert shown is not None
+    assert max(cell.level for _, cells in shown.heats[0].rows for cell in cells) <= 2
+
+
 def test_many_joints_are_rows_so_that_a_phone_shows_a_whole_one() -> None:
     cells = tuple(at(f"joint_{k}", EVERYWHERE, 0.001 * (k + 1)) for k in range(12))
     shown = heat_map(GapMap(signal="effort", unit="N·m", before=cells, after=()), 0.0, mended=False)
