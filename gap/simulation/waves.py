@@ -6,9 +6,8 @@ The number of periods of a cogging motor or an eccentric gear is not known, and 
 from within a fraction of a period over the joint's whole range. A spectrum over the positions finds
 it directly: what the model's inverse dynamics want along the measured motion, less what the drive
 made, is regressed on A sin(N q + φ) for every N (Lomb, Astrophysics and Space Science 39, 1976),
-beside terms that other effects would leave. So is the error that a servo leaves of its target, for
-waves of the log alone; without a servo these show in the effort that they seem to take, q̇² N² A
-times the inertia. All that is wanted is a start of the fit.
+beside terms that other effects would leave. Waves of the log alone are looked for by
+`reading_waves`. All that is wanted is a start of the fit.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ from scipy.fft import next_fast_len
 
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.smooth import Smoothed
+from walkerkit.gap.simulation.reading_waves import Sense, reading_waves
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.start import rest
 from walkerkit.gap.simulation.wave import Wave, WaveForm
@@ -49,8 +49,9 @@ class _Motion:
         q, qd, qdd: smoothed position, velocity and acceleration.
         effort: what its drives made.
         residual: what the model wants beyond it.
-        load: effort as logged, or else what the model wants.
-        error: logged position beyond its target, NaN without a target.
+        error: logged position beyond its target, NaN without a target or a logged effort.
+        stiffness, damping: of the effort by position and velocity as they are logged, not as they
+            are: of the drives unless their effort is logged, and of the joint.
     """
 
     q: FloatArray
@@ -58,8 +59,9 @@ class _Motion:
     qdd: FloatArray
     effort: FloatArray
     residual: FloatArray
-    load: FloatArray
     error: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
 
 
 def waves(
@@ -139,7 +141,7 @@ def _motions(robot: Robot, recording: Recording, every: int) -> dict[str, _Motio
     )
     found = {}
     for k, name in enumerate(names):
-        logged = made = recording.signal(name, "effort")
+        made = recording.signal(name, "effort")
         if made is None:
             made = nominal_effort(robot, recording, name, q[:, k], qd[:, k])
         made = np.zeros(len(time)) if made is None else Smoothed(time, made[None]).at(time)[:, 0]
@@ -149,17 +151,28 @@ def _motions(robot: Robot, recording: Recording, every: int) -> dict[str, _Motio
             qdd=qdd[rows, k],
             effort=made[rows],
             residual=inverse[:, k] - made[rows],
-            load=inverse[:, k] if logged is None else made[rows],
-            error=_error(robot, recording, name)[rows],
+            **{key: values[rows] for key, values in _feedback(robot, recording, name).items()},
         )
     return found
 
 
-def _error(robot: Robot, recording: Recording, joint: str) -> FloatArray:
+def _feedback(robot: Robot, recording: Recording, joint: str) -> dict[str, FloatArray]:
+    """The error, stiffness and damping of `_Motion`, at all samples."""
+    drives, logged = robot.joints[joint].drives, recording.signal(joint, "effort") is not None
+    taken = [d for d in drives if recording.signal(joint, f"{d.kind}_target") is not None]
+    own = float(robot.model.dof_damping[robot.joints[joint].dof])
     target = recording.signal(joint, "position_target")
-    if target is None or robot.joints[joint].drive("position") is None:
-        return np.full(len(recording.time), np.nan)
-    return recording.columns[f"{joint}/position"] - target
+    position = recording.columns[f"{joint}/position"]
+    stiffness = 0.0 if logged else sum(drive.stiffness for drive in taken)
+    damping = own if logged else own + sum(drive.damping for drive in taken)
+    error = np.full(position.shape, np.nan)
+    if logged and target is not None and any(drive.kind == "position" for drive in taken):
+        error = position - target
+    return {
+        "error": error,
+        "stiffness": np.full(position.shape, stiffness),
+        "damping": np.full(position.shape, damping),
+    }
 
 
 def _inverse_dynamics(
@@ -193,35 +206,45 @@ def _prominent(motion: _Motion, inertia: float) -> tuple[Wave, ...]:
     origin = float(q.min())
     sign, effort = np.sign(qd), motion.effort[moving]
     highest = float(np.clip(_BANDWIDTH / np.percentile(np.abs(qd), 25), 10 / reach, _MOST / reach))
-    beside = np.stack([np.ones_like(q), q, q**2, qd, motion.qdd[moving], sign])
-    efforts = _Spectrum(q - origin, motion.residual[moving], beside, highest=highest)
-    error, positions = motion.error[moving], efforts
-    servoed = bool(np.isfinite(error).all())
-    if servoed:
-        beside = np.concatenate([beside, motion.load[None, moving]])
-        positions = _Spectrum(q - origin, error, beside, highest=highest)
-    one = np.ones_like(q)
+    terms = np.stack([np.ones_like(q), q, q**2, qd, motion.qdd[moving], sign])
+    spectrum = _Spectrum(q - origin, motion.residual[moving], terms, highest=highest)
     found = []
-    looked: dict[WaveForm, tuple[_Spectrum, FloatArray]] = {
-        "pose": (efforts, one),
-        "friction": (efforts, -sign),
-        "effort": (efforts, effort),
-        "position": (positions, one if servoed else -(qd**2)),
+    factors: dict[WaveForm, FloatArray] = {
+        "pose": np.ones_like(q),
+        "friction": -sign,
+        "effort": effort,
     }
-    for form, (spectrum, factor) in looked.items():
-        for periods, sine, cosine, others in spectrum.peaks(factor):
-            weight = inertia * periods**2 if form == "position" and not servoed else 1.0
+    for form, factor in factors.items():
+        for periods, sine, cosine, beside in spectrum.peaks(factor):
             found.append(
                 Wave(
                     form=form,
                     periods=periods,
-                    amplitude=float(np.hypot(sine, cosine)) / weight,
+                    amplitude=float(np.hypot(sine, cosine)),
                     phase=float(
                         np.angle(np.exp(1j * (np.arctan2(cosine, sine) - periods * origin)))
                     ),
-                    mean=-float(others[_SIGN]) if form == "friction" else 0.0,
+                    mean=-float(beside[_SIGN]) if form == "friction" else 0.0,
                 )
             )
+    error, zero = motion.error[moving], np.zeros_like(q)
+    servoed = bool(np.isfinite(error).all())
+    read = reading_waves(
+        q,
+        error if servoed else motion.residual[moving],
+        np.concatenate([terms, effort[None]]) if servoed else terms,
+        Sense(
+            position=zero + 1 if servoed else motion.stiffness[moving],
+            velocity=zero if servoed else motion.damping[moving],
+            acceleration=zero if servoed else zero + inertia,
+            qd=qd,
+            qdd=motion.qdd[moving],
+        ),
+        highest=highest,
+        most=_PEAKS,
+    )
+    for amplitude, periods, phase in read:
+        found.append(Wave(form="position", periods=periods, amplitude=amplitude, phase=phase))
     return tuple(found)
 
 

@@ -1,11 +1,16 @@
-"""The world around the robot."""
+"""What the robot is mounted on and runs into."""
+
+from dataclasses import replace
 
 import mujoco
 import numpy as np
+import pytest
 
-from tests.gap.effects.contract import EffectContract
+from tests.gap.effects.contract import EffectContract, replayed
 from tests.gap.effects.machine import LEG, PLAIN
-from walkerkit.gap.effects import EVERYWHERE
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.trials import Trials
 
 
 class TestBaseTilt(EffectContract):
@@ -34,3 +39,51 @@ class TestEndStop(EffectContract):
         text = LEG.format(**PLAIN).replace('name="knee"', stops)
         machine.model = mujoco.MjModel.from_xml_string(text)
         return {"knee": [-0.2, 0.85, 0.013]}
+
+
+class TestStops:
+    """Stops by hand: what is set, where, and what is left alone."""
+
+    @staticmethod
+    def trials(robot, *rows, joint="knee"):
+        effect = CATALOGUE["end_stop"]
+        zero = [parameter.zero for parameter in effect.parameters(robot, joint)]
+        trials = Trials(robot, len(rows))
+        values = np.array(
+            [[z if v is None else v for v, z in zip(row, zero, strict=True)] for row in rows]
+        )
+        effect.apply(trials, joint, values)
+        return trials
+
+    def test_only_variants_with_a_stop_are_limited(self, plain):
+        robot, recording = plain
+        trials = self.trials(robot, (None, None, None), (None, 0.6, None), (-0.1, None, 0.01))
+        knee = robot.joints["knee"].id
+        assert trials.field("jnt_limited")[:, knee].tolist() == [False, True, True]
+        free, above, below = replayed(robot, recording, trials)[:, :, 1]
+        assert above.max() == pytest.approx(0.6, abs=0.05) != pytest.approx(free.max(), abs=0.1)
+        assert above.min() == pytest.approx(free.min(), abs=1e-3)
+        assert below.min() == pytest.approx(-0.1, abs=0.05) != pytest.approx(free.min(), abs=0.1)
+
+    def test_the_other_stop_of_the_model_stays(self, awkward):
+        robot, _ = awkward
+        knee = robot.joints["knee"].id
+        trials = self.trials(robot, (None, 0.6, None), (None, None, 0.1))
+        own = robot.model.jnt_range[knee]
+        np.testing.assert_array_equal(
+            trials.field("jnt_range")[:, knee], [[own[0], 0.6], [own[0], own[1]]]
+        )
+        # Softer stops are a change, too.
+        np.testing.assert_array_equal(trials.field("jnt_solref")[:, knee, 0], [0.02, 0.1])
+
+    def test_a_stop_of_the_model_that_the_robot_passed_may_move_outwards(self, plain):
+        robot, _ = plain
+        far = replace(robot.excursion("knee"), lower=-3.0, upper=3.0)
+        text = LEG.format(**PLAIN | {"knee": 'limited="true" range="-0.5 0.5"'})
+        narrow = replace(
+            robot_from_spec(mujoco.MjSpec.from_string(text), "leg.xml"), excursions={"knee": far}
+        )
+        lower, upper, _ = CATALOGUE["end_stop"].parameters(narrow, "knee")
+        assert (lower.zero, upper.zero) == (-0.5, 0.5)
+        assert lower.lower < -3
+        assert upper.upper > 3

@@ -103,6 +103,33 @@ def test_each_form_has_several_waves_in_the_order_of_their_prominence():
     assert second.periods == pytest.approx(21, abs=0.6)
 
 
+WRONG = {
+    "servo, effort": (SERVO, ("position", "effort")),
+    "servo": (SERVO, ("position",)),
+    "motor": ('<motor joint="j"/>', ("position", "effort")),
+}
+
+
+@pytest.mark.parametrize("drive", WRONG)
+@pytest.mark.parametrize("periods", [7.0, 15.0, 37.0])
+def test_a_wave_of_the_log_alone_is_found(drive, periods):
+    actuator, signals = WRONG[drive]
+    recording = log(lambda q, qd, tau: (0.0, 0.0), signals)
+    columns = dict(recording.columns)
+    q = columns["j/position"]
+    columns["j/position"] = q + 0.004 * np.sin(periods * q + 0.6)
+    if "motor" in actuator:
+        columns["j/effort_target"] = columns["j/effort"]
+        del columns["j/position_target"]
+    wrong = Recording(name="log", time=recording.time, columns=columns)
+    wave = found("position", [wrong], arm(actuator))
+    assert abs(wave.periods - periods) * np.ptp(q) < 0.25 * 2 * math.pi
+    middle = 0.5 * (q.max() + q.min())
+    assert apart(wave.periods * middle + wave.phase, periods * middle + 0.6) < 0.3
+    # Smoothing takes some of what changes fast.
+    assert wave.amplitude == pytest.approx(0.004, rel=0.4)
+
+
 def test_a_joint_that_hardly_moves_shows_none():
     time = STEP * np.arange(500)
     still = {"j/position": np.zeros(500), "j/position_target": np.zeros(500)}
