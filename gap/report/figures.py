@@ -100,7 +100,7 @@ def waterfall(diagnosis: Diagnosis) -> Specification:
         _label(figure, end, row + 0.05, f" {_literal(text)}", anchor="middle")
     title = f"{wording.words(signal)} error, rms [{unit.unit}]"
     figure.update_xaxes(title=title, fixedrange=True)
-    figure.update_xaxes(range=[0, 1.55 * largest * unit.factor or 1], zeroline=False)
+    figure.update_xaxes(range=[0, 1.8 * largest * unit.factor or 1], zeroline=False)
     figure.update_yaxes(
         range=ends[::-1], fixedrange=True, showgrid=False, zeroline=False, showticklabels=False
     )

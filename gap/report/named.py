@@ -55,14 +55,17 @@ def named_effects(
 
 
 def confusion_set(rounds: Sequence[Round], most: int) -> list[Fit]:
-    """The fits of the first effect that has rivals, and of so many of these; empty for none."""
+    """The fits of the first effect that has rivals, and of so many of these; empty for none.
+
+    Each is in the company of the same other effects, with the one in question last.
+    """
     final = rounds[-1].fit
-    kept = {term.effect.name for term in final.structure.terms}
-    for one in rounds:
-        if one.named is not None and one.named.effect.name in kept:
-            rivals = rivals_of(one, final)
-            if rivals:
-                return [one.candidates[0].fit, *rivals[:most]]
+    for term in final.structure.terms:
+        one = _round_of(term, rounds)
+        own = [c.fit for c in one.candidates if c.term.effect is term.effect]
+        rivals = rivals_of(one, final)
+        if own and rivals:
+            return [own[0], *rivals[:most]]
     return []
 
 
@@ -116,7 +119,7 @@ def _names(fit: Fit) -> set[str]:
 
 
 def _round_of(term: Term, rounds: Sequence[Round]) -> Round:
-    return next(one for one in reversed(rounds) if one.named and one.named.effect is term.effect)
+    return next(one for one in rounds if one.named is term)
 
 
 def _shown_joints(term: Term) -> tuple[str, ...]:

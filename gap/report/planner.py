@@ -82,25 +82,30 @@ def next_experiment(problem: Problem, members: Sequence[Fit]) -> Plan | None:
     robot = problem.robots[0]
     if len(members) < 2 or any(robot.joints[j].drive("position") is None for j in problem.joints):
         return None
-    best: _Choice | None = None
+    tried: list[_Choice] = []
     battery = _choices(_Bench(problem, members))
     for _, alike in groupby(battery, key=lambda one: one.set_up.trouble):
-        best = max([*alike, *([best] if best else [])], key=lambda one: one.separation)
-        if best.separation >= _CLEARLY:
+        tried += alike
+        if any(one.separation >= _CLEARLY for one in tried):
             break
-    if best is None or best.separation < _WORTH_IT:
-        return None
-    changed = best.set_up.changed(robot) if best.set_up.changes_robot else None
-    experiment = NextExperiment(
-        excitation=best.excitation,
-        between=tuple(fit.structure.terms[-1].effect.name for fit in members),
-        separation=best.separation,
-        file=FILE,
-        set_up=best.set_up.name,
-        instruction=best.set_up.instruction,
-        model=MODEL if changed is not None else None,
-    )
-    return Plan(experiment=experiment, targets=best.targets, robot=changed)
+    for best in sorted(tried, key=lambda one: -one.separation):
+        if best.separation < _WORTH_IT:
+            break
+        try:
+            changed = best.set_up.changed(robot) if best.set_up.changes_robot else None
+        except RuntimeError:  # the model's own settings undo this change
+            continue
+        experiment = NextExperiment(
+            excitation=best.excitation,
+            between=tuple(fit.structure.terms[-1].effect.name for fit in members),
+            separation=best.separation,
+            file=FILE,
+            set_up=best.set_up.name,
+            instruction=best.set_up.instruction,
+            model=MODEL if changed is not None else None,
+        )
+        return Plan(experiment=experiment, targets=best.targets, robot=changed)
+    return None
 
 
 class _Bench:
@@ -120,6 +125,7 @@ class _Bench:
         self.channels = tuple(dict.fromkeys((*problem.channels, *self.watched)))
         self.efforts = any(channel.signal == "effort" for channel in problem.channels)
         self.spread = independence(problem, members[0])
+        self.with_play = any(np.any(values) for values in self._trials().plays.values())
 
     def predict(self, log: Recording, set_up: SetUp) -> FloatArray:
         """(n_members, rows, channels) what each member's log would show."""
@@ -130,11 +136,14 @@ class _Bench:
             hold=self.problem.hold,
             n_threads=self.problem.n_threads,
         )
-        trials = Trials.joined(
-            [fit.structure.trials(self.robot, fit.values[None]) for fit in self.members]
-        )
+        trials = self._trials()
         set_up.change(trials)
         return replay.predict(trials)
+
+    def _trials(self) -> Trials:
+        return Trials.joined(
+            [fit.structure.trials(self.robot, fit.values[None]) for fit in self.members]
+        )
 
     def is_safe(self, predicted: FloatArray, set_up: SetUp) -> bool:
         """Whether no member's robot leaves what the recordings have reached, or its limits."""
@@ -190,8 +199,9 @@ def _choices(bench: _Bench) -> Iterator[_Choice]:
         excitations=tuple(BATTERY),
     )
     for set_up in changes:
-        if set_up.held and not bench.efforts:
-            continue  # the log of a joint that cannot move shows nothing else
+        if set_up.held and (not bench.efforts or bench.with_play):
+            # The log of a joint that cannot move shows nothing else; a motor with play moves.
+            continue
         for excitation in set_up.excitations:
             for size in _SIZES:
                 log = _targets(bench, set_up, excitation, size)
