@@ -26,6 +26,9 @@ _SAME_INSTANT = (
 )
 
 
+_STANDSTILL = 1e-12  # rad; less than that is no way to go
+
+
 @dataclass(frozen=True, kw_only=True)
 class SetpointFilter(Lag):
     """Targets that pass a first-order filter.
@@ -105,6 +108,8 @@ class SampleAndHold(DrivetrainLaw):
 class ControllerDeadband(DrivetrainLaw):
     """A controller that leaves position errors below δ alone.
 
+    A joint that passes the edge of the band within a step is left alone for that part of it.
+
     Attributes:
         width: δ [rad; m].
     """
@@ -117,7 +122,12 @@ class ControllerDeadband(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.target = np.where(np.abs(step.target - step.q) < p["width"], step.q, step.target)
+        error = step.target - step.q
+        later = error - step.qd * step.dt
+        low = np.minimum(error, later) - _STANDSTILL
+        high = np.maximum(error, later) + _STANDSTILL
+        within = np.minimum(high, p["width"]) - np.maximum(low, -p["width"])
+        step.target = step.target - clipped(within / (high - low), 0.0, 1.0) * error
 
 
 @dataclass(frozen=True, kw_only=True)
