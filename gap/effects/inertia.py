@@ -49,9 +49,11 @@ class Armature(JointEffect):
 
 
 def _moved_bodies(robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
-    """Bodies with a mass that one of the joints moves."""
+    """Bodies with a mass that one of the joints moves; all of them where the base floats."""
     model = robot.model
     moved = {int(model.jnt_bodyid[robot.joints[name].id]) for name in joints}
+    if robot.base is not None:
+        moved.add(robot.base.id)
 
     def is_moved(body: int) -> bool:
         while body and body not in moved:
@@ -76,7 +78,7 @@ class Payload(Effect):
     kind = "body"
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
-        """Bodies that a measured joint moves."""
+        """Bodies that a measured joint moves, and the base where it floats."""
         return _moved_bodies(robot, joints)
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:

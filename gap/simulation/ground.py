@@ -24,6 +24,7 @@ class Ground:
     Attributes:
         fixed: ids of geoms of the world that a moving geom can touch.
         moving: ids of moving geoms that can touch one of those.
+        contacts: (n, 2) which of the first can touch which of the second.
         pairs: ids of the explicit contact pairs between such geoms.
     """
 
@@ -41,6 +42,7 @@ class Ground:
         for first, second in paired[across]:
             # Explicit pairs take the place of what the geoms themselves say.
             touch[first, second] = touch[second, first] = False
+        self.contacts: NDArray[np.intp] = np.argwhere(touch)
         self.fixed: NDArray[np.intp] = np.flatnonzero(touch.any(axis=1))
         self.moving: NDArray[np.intp] = np.flatnonzero(touch.any(axis=0))
         self.pairs: NDArray[np.intp] = np.flatnonzero(across)

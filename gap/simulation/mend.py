@@ -239,6 +239,16 @@ def _inertial_writer(name: str) -> Writer:
     return writer
 
 
+def _contact_writer(elements: str, name: str) -> Writer:
+    """Writes what changed of geoms or of contact pairs."""
+
+    def writer(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+        for number in np.flatnonzero((wanted != before).any(axis=1)):
+            setattr(_by_id(getattr(spec, elements), int(number)), name, wanted[number])
+
+    return writer
+
+
 def _write_gravity(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
     spec.option.gravity = wanted
 
@@ -264,6 +274,11 @@ _WRITERS: Mapping[str, Writer] = {
     "body_mass": _inertial_writer("mass"),
     "body_ipos": _inertial_writer("ipos"),
     "opt.gravity": _write_gravity,
+    **{
+        f"{element}_{name}": _contact_writer(f"{element}s", name)
+        for element in ("geom", "pair")
+        for name in ("friction", "solref")
+    },
     **{
         f"actuator_{name}": _actuator_writer(name)
         for name in ("gainprm", "biasprm", "biastype", "forcerange", "forcelimited")
