@@ -24,8 +24,6 @@ from walkerkit.actuators.selection import Numbers
 _SAME_INSTANT = (
     1e-9  # s; a sample that is due at a step's own instant is taken, whatever the rounding
 )
-
-
 _STANDSTILL = 1e-12  # rad; less than that is no way to go
 
 
@@ -101,7 +99,7 @@ class SampleAndHold(DrivetrainLaw):
         before = clipped((instant - step.time) / step.dt, 0.0, 1.0)
         before = np.where(before > 1.0 - _SAME_INSTANT / step.dt, 1.0, before)
         state["target"] = np.where(before < 1.0, step.target, held)
-        step.target = step.target + before * (held - step.target)
+        step.target = (1.0 - before) * step.target + before * held
 
 
 @dataclass(frozen=True, kw_only=True)
