@@ -96,8 +96,9 @@ class SampleAndHold(DrivetrainLaw):
         held = first(state["target"], step.target)
         instant = np.ceil((step.time - _SAME_INSTANT) / period) * period
         # The part of the step before it; all of it where there is none in this step.
-        before = clipped((instant - step.time) / step.dt, 0.0, 1.0)
-        before = np.where(before > 1.0 - _SAME_INSTANT / step.dt, 1.0, before)
+        before = (instant - step.time) / step.dt
+        same = _SAME_INSTANT / step.dt
+        before = np.where(before < same, 0.0, np.where(before > 1.0 - same, 1.0, before))
         state["target"] = np.where(before < 1.0, step.target, held)
         step.target = (1.0 - before) * step.target + before * held
 
