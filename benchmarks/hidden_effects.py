@@ -13,6 +13,8 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import threading
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -30,6 +32,8 @@ __all__ = ["run", "run_case"]
 
 QUICK = {"one_effect": 4, "one_effect_q_qd": 2, "two_effects": 1, "nothing": 3, "outside": 2}
 """Cases of each tier that fit in five minutes on two cores."""
+
+_WATCH = 2.0  # s
 
 
 def run(*, quick: bool) -> list[Row]:
@@ -62,7 +66,9 @@ def outcomes(
     # A process that was forked from one with threads may hang.
     context = multiprocessing.get_context("spawn")
     jobs = min(jobs or os.cpu_count() or 1, max(len(left), 1))
-    with ProcessPoolExecutor(max_workers=jobs, mp_context=context) as pool:
+    with ProcessPoolExecutor(
+        max_workers=jobs, mp_context=context, initializer=_end_with, initargs=(os.getpid(),)
+    ) as pool:
         for future in as_completed([pool.submit(run_case, case) for case in left]):
             outcome = future.result()
             print(line(outcome), flush=True)
@@ -70,6 +76,17 @@ def outcomes(
                 with out.open("a") as file:
                     file.write(outcome.to_json() + "\n")
             yield outcome
+
+
+def _end_with(parent: int) -> None:
+    """Ends this process when its parent is gone, rather than after all cases that are waiting."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_WATCH)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def main() -> None:
