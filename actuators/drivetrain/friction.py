@@ -16,6 +16,7 @@ from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Parameters, Stage,
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
 
+_RIGID_STEPS = 4  # MuJoCo's stiffest friction stops a joint within two
 _SMALLEST = 1e-12  # rad; bristles without friction do not bend
 
 
@@ -148,7 +149,8 @@ class PreslidingFriction(DrivetrainLaw):
     Each step is solved exactly for a constant velocity. As a spring that explicit steps integrate,
     it wants σ₀ below I/h², where I is the joint's inertia and h the timestep.
 
-    A joint starts rigid, which tells how far its bristles are bent already.
+    A joint is rigid in its first steps, until it is at rest where it sticks: what holds it then
+    tells how far its bristles are bent.
 
     Attributes:
         bristle_stiffness: σ₀ [N·m/rad; N/m].
@@ -156,7 +158,7 @@ class PreslidingFriction(DrivetrainLaw):
 
     name: ClassVar[str] = "presliding_friction"
     stage: ClassVar[Stage] = "joint"
-    state: ClassVar[tuple[str, ...]] = ("z", "level")
+    state: ClassVar[tuple[str, ...]] = ("z", "level", "steps")
     reads_held: ClassVar[bool] = True
     neutral: ClassVar[Mapping[str, float]] = {"bristle_stiffness": 1e9}
     bristle_stiffness: Numbers = number(above=0)
@@ -171,12 +173,13 @@ class PreslidingFriction(DrivetrainLaw):
         stuck = np.abs(step.held) <= state["level"]
         start = np.where(stuck, -step.held / stiffness, settled)
         slid = step.dt * np.abs(step.qd) / np.maximum(furthest, _SMALLEST)
-        bent = np.where(
-            np.isnan(state["z"]), start, settled + (state["z"] - settled) * np.exp(-slid)
-        )
-        first = np.isnan(state["level"])
-        state["z"] = np.where(first, np.nan, bent)
+        z = state["z"]
+        bent = np.where(np.isnan(z), start, settled + (z - settled) * np.exp(-slid))
+        steps = np.where(np.isnan(state["steps"]), 0.0, state["steps"])
+        rigid = steps < _RIGID_STEPS
+        state["z"] = np.where(rigid, np.nan, bent)
         state["level"] = level * (1 + 1e-9)  # the solver's rounding
-        soft = ~first & (stiffness < PreslidingFriction.neutral["bristle_stiffness"])
+        state["steps"] = steps + 1.0
+        soft = ~rigid & (stiffness < PreslidingFriction.neutral["bristle_stiffness"])
         step.extra -= np.where(soft, stiffness * bent, 0.0)
         step.friction = np.where(soft, -step.dry, step.friction)

@@ -142,6 +142,12 @@ def _moves_across_gravity_without_dry_friction(robot: Robot, joints: Sequence[st
     )
 
 
+def _rubs_dry(robot: Robot, joints: Sequence[str]) -> bool:
+    """Whether the model has dry friction of its own at all of the joints."""
+    dofs = [robot.joints[name].dof for name in _listed(robot, joints)]
+    return bool(dofs) and bool((robot.model.dof_frictionloss[dofs] > 0).all())
+
+
 def _listed(robot: Robot, joints: Sequence[str]) -> list[str]:
     """The joints by name, also where all are meant."""
     everything = not joints or tuple(joints) == (EVERYWHERE,)
@@ -245,14 +251,39 @@ _TABLE: tuple[Equivalence, ...] = (
         ),
     ),
     # F⁺ for q̇ > 0 and −F⁻ for q̇ < 0 are ½(F⁺ + F⁻) sgn q̇ + ½(F⁺ − F⁻), at rest as well.
-    Equivalence(
-        effects=("torque_bias", "asymmetric_friction"),
-        beside="coulomb_friction",
-        holds=lambda robot, joints: True,
-        usual=True,
-        reason=(
-            "Dry friction that differs between the directions is the same as its mean and a "
-            "constant torque; moving the joint by hand with the motor off would show which it is."
-        ),
+    *(
+        Equivalence(
+            effects=("torque_bias", "asymmetric_friction"),
+            beside=beside,
+            holds=holds,
+            usual=beside is not None,
+            reason=(
+                "Dry friction that differs between the directions is the same as its mean and a "
+                "constant torque; moving the joint by hand with the motor off would show which it "
+                "is."
+            ),
+        )
+        for beside, holds in (
+            ("coulomb_friction", lambda robot, joints: True),
+            (None, _rubs_dry),
+        )
+    ),
+    # η₁ τ driving and η₂ τ driven are ½(η₁ + η₂) τ − ½(η₂ − η₁) |τ| sgn q̇.
+    *(
+        Equivalence(
+            effects=(alone, "directional_efficiency"),
+            beside=beside,
+            holds=lambda robot, joints: True,
+            usual=True,
+            reason=(
+                "A gear that is worth less when it drives is the same as friction in proportion to "
+                "the load and another torque constant; a known load that is held at rest would "
+                "show the constant by itself."
+            ),
+        )
+        for alone, beside in (
+            ("load_dependent_friction", "torque_constant"),
+            ("torque_constant", "load_dependent_friction"),
+        )
     ),
 )

@@ -209,16 +209,15 @@ class TestBristles:
         return Joint(PreslidingFriction, {"bristle_stiffness": self.STIFFNESS}, **options)
 
     def led(self, position, dt=1e-3, dry=DRY, held=0.0):
-        """Friction along a given motion, from the second step on."""
+        """Friction along a given motion after a rest, from its second position on."""
         bristles = bank(PreslidingFriction, {"bristle_stiffness": self.STIFFNESS})
         found = []
-        for qd in np.append(0.0, np.diff(position) / dt):
+        for qd in np.append(np.zeros(4), np.diff(position) / dt):
             step = step_of(0.0, qd, 0.0, dt=dt, dry=dry, held=held)
             bristles.run("joint", step)
             found.append(step.extra[0])
-            rigid = len(found) == 1
-            assert step.friction[0] == (0.0 if rigid else -dry)
-        return np.array(found[1:])
+            assert step.friction[0] == (0.0 if len(found) <= 4 else -dry)
+        return np.array(found[4:])
 
     def test_they_are_lugre_s(self):
         # A velocity that is constant for a while each, so that both integrate the same motion.
@@ -285,7 +284,7 @@ class TestBristles:
     def test_a_joint_that_is_held_at_the_start_does_not_sag(self):
         q, _, friction = self.joint(dry=self.DRY).push(np.full(500, 0.3))
         np.testing.assert_allclose(friction, -0.3, atol=0.01)
-        assert np.abs(q).max() < 0.15 * 0.3 / self.STIFFNESS
+        assert np.abs(q).max() < 0.02 * 0.3 / self.STIFFNESS
         # And one that slides starts with its bristles bent all the way.
         slid = self.led(np.linspace(0, 1, 1001), held=-self.DRY)
         np.testing.assert_allclose(slid, -self.DRY, rtol=1e-9)
