@@ -126,7 +126,10 @@ class StribeckFriction(LawEffect):
     law = drivetrain.StribeckFriction
     dry = True
     name = "stribeck_friction"
-    equation = "τ = −(Fs − Fc) exp(−|q̇|/vs) sgn q̇, Fs − Fc: breakaway [N·m], vs: velocity [rad/s]"
+    equation = (
+        "τ = −(Fs − Fc) exp(−|q̇/vs|^α) sgn q̇; Fs − Fc: breakaway [N·m], vs: velocity [rad/s], "
+        "α: exponent [1]"
+    )
     symptom = "low speed, stick-slip"
     source = "Stribeck, VDI-Zeitschrift 46, 1902; Tustin, Journal of the IEE 94, 1947"
     extends = ("coulomb_friction",)
