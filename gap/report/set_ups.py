@@ -28,6 +28,7 @@ RELEASE = "release"
 
 _GAIN = 0.3  # of the drive's
 _MASSES = (0.5, 0.2)  # of what the body carries already
+_HANDS = 2  # that hold joints until they are let go
 _CLAMPED = 1e9  # kg·m² (kg): nothing moves a joint of this inertia
 _STEADY = ("slow_triangle", "steps", "multisine")
 
@@ -123,7 +124,7 @@ def set_ups(
         )
     )
     found += [_with_payload(robot, body, part, steady) for body, part in _loads(robot, concerned)]
-    if robot.base is None:  # a robot that stands would fall
+    if robot.base is None and len(concerned) <= _HANDS:  # a robot that stands would fall
         found.append(
             SetUp(
                 name="motor_off",
@@ -137,6 +138,7 @@ def set_ups(
                 released=tuple(concerned),
             )
         )
+    if robot.base is None:
         joint = concerned[0]
         found.append(
             SetUp(

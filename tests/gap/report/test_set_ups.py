@@ -16,8 +16,9 @@ from walkerkit.gap.report.set_ups import SetUp, set_ups
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Structure, Term
-from walkerkit.gap.simulation.robot import Robot, robot_from_spec
+from walkerkit.gap.simulation.robot import Robot, load_robot, robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
+from walkerkit.walkers.leg import LEG_XML
 
 ARM = """
 <mujoco model="arm">
@@ -121,6 +122,21 @@ def test_the_robot_as_it_is_comes_first_and_efforts_are_asked_for_where_there_ar
     ]
     assert both[0][0] == both[1][0] == "as_it_is"
     assert set(both[1]) - set(both[0]) == {"effort_logged"}
+
+
+def test_nobody_holds_three_joints_and_lets_them_go() -> None:
+    leg = load_robot(LEG_XML)
+    names = tuple(leg.joints)
+    offered = [
+        {
+            one.name
+            for one in set_ups(
+                leg, names, concerned=names[:count], efforts=True, excitations=EXCITATIONS
+            )
+        }
+        for count in (2, 3)
+    ]
+    assert offered[0] - offered[1] == {"motor_off"}
 
 
 def test_a_payload_or_torque_constant_is_told_by_what_parts_them(tmp_path: Path) -> None:
