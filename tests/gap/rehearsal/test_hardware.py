@@ -416,6 +416,76 @@ class TestLaws:
         np.testing.assert_allclose(effort, [0.0, -0.5], atol=0.01)
 
 
+def test_a_clock_that_is_fast_has_counted_more(write):
+    still = np.tile(SMOOTH, (2, 1))
+    file = write()
+    nominal = run(file, still)
+    skewed = run(file, still, hide("clock_skew", skew=0.02))
+    np.testing.assert_array_equal(signal(skewed, "position_target"), still)
+    time = np.arange(len(still)) / RATE
+    for name, noise in (("position", COUNT), ("effort", 1.5 * EFFORT_NOISE)):
+        truth = np.stack(
+            [np.interp(time / 1.02, time, signal(nominal, name)[:, j]) for j in range(2)], axis=1
+        )
+        assert rms(signal(skewed, name), truth) < noise
+        assert rms(signal(skewed, name), signal(nominal, name)) > 2 * noise
+
+
+def test_encoders_in_error_mislead_the_log_alone(write):
+    file = write()
+    wave = {"amplitude": 0.02, "periods": 9.0, "phase": 0.5}
+    nominal, wrong = run(file), run(file, SMOOTH, hide("kinematic_error", **wave))
+    np.testing.assert_array_equal(signal(nominal, "effort"), signal(wrong, "effort"))
+    q, qd = signal(nominal, "position"), signal(nominal, "velocity")
+    shown = q + 0.02 * np.sin(9.0 * q + 0.5)
+    assert rms(signal(wrong, "position"), shown) < 2 * COUNT
+    slope = 1 + 0.18 * np.cos(9.0 * q + 0.5)
+    assert rms(signal(wrong, "velocity"), slope * qd) < 2 * VELOCITY_NOISE
+
+
+def test_too_steep_encoders_lead_the_servo_short_of_its_target(write):
+    still = np.tile([0.5, 0.7], (200, 1))
+    hidden = run(write(gravity="0 0 0"), still, hide("encoder_gain", excess=0.25))
+    # The log shows the target, where the joint is not.
+    np.testing.assert_allclose(signal(hidden, "position").mean(axis=0), [0.5, 0.7], atol=COUNT)
+
+
+def test_a_shifted_centre_of_mass_is_that_of_another_model(write, tmp_path):
+    other = tmp_path / "other.xml"
+    other.write_text(ARM.format(**NUMBERS).replace("0 0.02 -0.1", "0.03 0.02 -0.08"))
+    hidden = run(write(), SMOOTH, hide("com_offset"))
+    for channel in ("position", "effort"):
+        np.testing.assert_allclose(signal(run(other), channel), signal(hidden, channel), atol=COUNT)
+
+
+def test_jitter_is_of_the_time_stamps_alone(write):
+    file = write()
+    nominal, shaken = run(file), run(file, jitter=1e-4)
+    np.testing.assert_array_equal(signal(nominal, "position"), signal(shaken, "position"))
+    assert (shaken.time - TIME).std() == pytest.approx(1e-4, rel=0.15)
+    assert np.all(np.diff(shaken.time) > 0)
+    with pytest.raises(InputError, match=r"jitter is 0\.001 s; give at most 0\.0004 s"):
+        run(file, jitter=1e-3)
+
+
+def test_pushes_come_at_other_times_in_every_experiment(write):
+    file = write()
+    pushed = run_hardware(file, [SMOOTH, SMOOTH], hidden=[hide("random_pushes")], rate=RATE, seed=0)
+    again = run_hardware(file, [SMOOTH, SMOOTH], hidden=[hide("random_pushes")], rate=RATE, seed=0)
+    apart = rms(signal(pushed[0], "effort"), signal(pushed[1], "effort"))
+    assert apart > 3 * EFFORT_NOISE
+    np.testing.assert_array_equal(signal(pushed[0], "effort"), signal(again[0], "effort"))
+
+
+def test_a_catch_is_felt_around_its_pose_only(write):
+    file = write(gravity="0 0 0")
+    bump = hide("pose_bump", effort=-0.6, pose=0.5, reach=0.05)
+    for pose, felt in ((0.5, 0.6), (0.8, 0.0)):
+        still = np.tile([pose, pose], (150, 1))
+        effort = signal(run(file, still, bump), "effort").mean(axis=0)
+        np.testing.assert_allclose(effort, felt, atol=0.05)
+
+
 def test_native_command_delay_of_the_model_is_kept(write, tmp_path):
     delayed = tmp_path / "delayed.xml"
     delayed.write_text(

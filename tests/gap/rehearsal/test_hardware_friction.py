@@ -1,7 +1,96 @@
+import mujoco
 import numpy as np
 import pytest
 
-from walkerkit.gap.rehearsal.hardware_friction import PRESLIDING, Bristles
+from walkerkit.gap.rehearsal.hardware_drive import Drives
+from walkerkit.gap.rehearsal.hardware_friction import PRESLIDING, Bristles, Friction
+from walkerkit.gap.rehearsal.hidden import HiddenEffect
+
+ARM = """
+<mujoco><worldbody><body><joint name="a" axis="0 1 0"/><geom size=".1" mass="1"/></body></worldbody>
+<actuator><position joint="a" kp="20" kv="1"/></actuator></mujoco>
+"""
+STEP = 1e-3
+
+
+def friction(*hidden):
+    model = mujoco.MjModel.from_xml_string(ARM)
+    return Friction(model, Drives(model), hidden, step=STEP, n_sims=1)
+
+
+def hide(name, **values):
+    return HiddenEffect(effect=name, joints=("a",), values=values)
+
+
+def sliding(of, speed, q=0.0, load=0.0):
+    """Effort once it has slid for a while."""
+    for _ in range(int(0.2 / (abs(speed) * STEP)) + 1):
+        effort = of.effort(*(np.full((1, 1), value) for value in (speed, q, load)))
+    return float(effort[0, 0])
+
+
+WAVE = {"amplitude": 0.4, "periods": 6.0, "phase": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "state", "expected"),
+    [
+        (hide("asymmetric_friction", forward=0.5, backward=0.2), {"speed": 1.0}, -0.5),
+        (hide("asymmetric_friction", forward=0.5, backward=0.2), {"speed": -1.0}, 0.2),
+        (hide("stribeck_friction", breakaway=0.6, velocity=0.2), {"speed": 0.2}, -0.6 / np.e),
+        (hide("stribeck_friction", breakaway=0.6, velocity=0.2), {"speed": -4.0}, 0.0),
+        (hide("load_dependent_friction", coefficient=0.1), {"speed": 1.0, "load": -3.0}, -0.3),
+        (hide("load_dependent_friction", coefficient=0.1), {"speed": 1.0}, 0.0),
+        (hide("pose_dependent_friction", **WAVE), {"speed": 1.0, "q": np.pi / 12}, -0.4),
+        (hide("pose_dependent_friction", **WAVE), {"speed": -1.0, "q": -np.pi / 12}, 0.0),
+        (hide("presliding_friction", frictionloss=0.4, bend=0.02), {"speed": 1.0}, -0.4),
+    ],
+)
+def test_slides_at_the_level_of_the_moment(hidden, state, expected):
+    assert sliding(friction(hidden), **state) == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_gear_passes_one_part_when_it_drives_and_another_when_it_is_driven():
+    for load, speed, passed in ((2.0, 1.0, 0.8), (2.0, -1.0, 1.1), (-2.0, 1.0, 1.1)):
+        gear = friction(hide("directional_efficiency", driving=0.8, backdriving=1.1))
+        assert load + sliding(gear, speed, load=load) == pytest.approx(passed * load, rel=1e-6)
+
+
+def test_bristles_that_bend_far_are_a_spring_at_first():
+    soft = friction(hide("presliding_friction", frictionloss=0.4, bend=0.02))
+    bent = [soft.effort(*(np.full((1, 1), x) for x in (0.1, 0.0, 0.0)))[0, 0] for _ in range(4)]
+    np.testing.assert_allclose(bent, -0.4 / 0.02 * 0.1 * STEP * np.arange(1, 5), rtol=0.02)
+
+
+def test_dry_friction_of_every_kind_adds_up():
+    both = friction(
+        hide("load_dependent_friction", coefficient=0.1),
+        hide("asymmetric_friction", forward=0.5, backward=0.2),
+    )
+    assert sliding(both, 1.0, load=2.0) == pytest.approx(-0.7)
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        hide("asymmetric_friction", forward=0.5, backward=0.2),
+        hide("stribeck_friction", breakaway=0.6, velocity=0.2),
+        hide("load_dependent_friction", coefficient=0.1),
+        hide("pose_dependent_friction", **WAVE),
+        hide("presliding_friction", frictionloss=0.4, bend=0.02),
+    ],
+)
+def test_dry_friction_of_no_kind_gives_energy_away(hidden):
+    of, rng = friction(hidden), np.random.default_rng(3)
+    speed = np.cumsum(rng.normal(size=8000)) * 0.02
+    speed -= np.linspace(speed[0], speed[-1], speed.size)
+    q = np.cumsum(speed) * STEP
+    load = 3.0 * np.sin(np.arange(speed.size) * 0.01)
+    work = sum(
+        float(of.effort(*(np.full((1, 1), x) for x in (v, p, t)))[0, 0]) * v * STEP
+        for v, p, t in zip(speed, q, load, strict=True)
+    )
+    assert work < 0
 
 
 class TestBristles:
