@@ -93,7 +93,8 @@ class LockStep:
         for name, values in (fields or {}).items():
             self._batch.expand(name)[...] = values
         if any(name in _SET_CONST_INPUTS for name in fields or {}):
-            self._batch.set_const()
+            with _without_warnings():
+                self._batch.set_const()
 
     def parameter(self, name: str) -> FloatArray:
         """A model field of which each simulation has its own, (n_sims, *shape), live and writable.

@@ -75,6 +75,7 @@ class Effect(abc.ABC):
         kind: whether its sites are joints, bodies or the whole robot.
         shared: the same cause usually acts on all joints (a bus, a filter), so that one value for
             all is preferred where the data allow it.
+        fitted: its numbers are fitted; otherwise they are chosen among their starts.
         extends: effects of which this one is a generalisation. It explains at least as much, and
             is worth a thought only where it explains more.
     """
@@ -86,6 +87,7 @@ class Effect(abc.ABC):
     source: ClassVar[str]
     kind: ClassVar[SiteKind] = "joint"
     shared: ClassVar[bool] = False
+    fitted: ClassVar[bool] = True
     extends: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:

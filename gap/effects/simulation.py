@@ -33,6 +33,7 @@ class Timestep(Effect):
     added_as = "option timestep, integrator"
     source = "MuJoCo documentation, Computation: Numerical integration"
     kind = "robot"
+    fitted = False
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
         """The robot as a whole."""

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit
+from walkerkit.gap.search.objective import Case
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
@@ -32,13 +33,15 @@ _Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and
 
 MOST_EFFECTS = 6
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
+_MOST_OF_THE_GAP = 0.5  # of the score: gaps that shrink to six tenths
+_FAR_ABOVE = 3.0  # of the noise
 _REFITS = 4
 _PASSES = 2  # of fitting and finding the numerical error again
 _SETTLED = 0.05  # of a parameter's scale
 _MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
-_PROMISING = 0.3  # of the best promise
-_FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 8, 4
+_WARM = 2  # steps
+_FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _MOST_EXCHANGES = 3
 _MOST_RIVALS = 5
@@ -138,7 +141,7 @@ class _Search:
 
     def run(self) -> tuple[Round, ...]:
         nothing = evaluate(self._problem.fit.objective, [(self._problem.nothing, np.zeros(0))])[0]
-        current, base = self._settled(nothing)
+        current, base = self._settled(self._simulated_well(nothing))
         exchanges = 0
         while True:
             grown = self._grown(current, base)
@@ -153,6 +156,33 @@ class _Search:
             current, base = self._settled(self._kept(better, [better.structure.terms[-1].effect]))
         self._refine(current)
         return self._told(current, base, contests)
+
+    def _simulated_well(self, nothing: Fit) -> Fit:
+        """The robot as it is, or in a simulation that is good enough for these recordings.
+
+        The numerical error is taken out of every comparison. Where it is most of the gap and far
+        above the noise, it is an effect of its own, and the model is to be simulated otherwise.
+        """
+        problem = self._problem
+        terms = [
+            term
+            for term in candidate_terms(self._effects, problem.robots, problem.joints)
+            if not term.effect.fitted
+        ]
+        objective = problem.held.objective
+        before = objective.as_it_is([_case(nothing)])[0][0]
+        best = nothing
+        for term in terms:
+            structure = nothing.structure.with_term(term)
+            magnitudes = zip(*(slot.parameter.starts for slot in structure.slots), strict=True)
+            values = np.array(list(magnitudes))
+            tried = objective.as_it_is([Case(structure=structure, values=values)])[0]
+            k = int(np.argmin(objective.score(tried)))
+            gained = np.sqrt(np.maximum(before - tried[k], 0.0))
+            gain = float(objective.score(before) - objective.score(tried[k]))
+            if gain > _MOST_OF_THE_GAP and (gained > _FAR_ABOVE * problem.noise).any():
+                (best,) = evaluate(problem.fit.objective, [(structure, values[k])])
+        return best
 
     def _grown(self, current: Fit, base: Evidence) -> tuple[Fit, Evidence] | None:
         """The fit with one or two more effects, or None where nothing is worth it."""
@@ -214,20 +244,39 @@ class _Search:
         for half in {id(h): h for h in (problem.screen, problem.race)}.values():
             half.refine(current)
         view = look(problem.screen, current, [v for term in terms for v in term.variants])
-        chosen = [m for m in _proposals(view) if count + len(m) <= MOST_EFFECTS]
-        if not chosen:
+        starts = self._starters(view)
+        if not starts:
             self._tried[key] = none
             return none
+        if count + 1 < MOST_EFFECTS:
+            starts += [view.start(pair) for pair in _pairs(view)]
         race = problem.race.objective
         tried = fit(
             race,
-            evaluate(race, [view.start(members) for members in chosen]),
-            race=[len(members) for members in chosen],
+            evaluate(race, starts),
+            race=[len(structure.terms) for structure, _ in starts],
             progress=self._progress,
             stage=stage.format("fitting"),
         )
         self._tried[key] = _Tried(fits=tuple(tried), evidence=weigh(problem, tried))
         return self._tried[key]
+
+    def _starters(self, view: View) -> list[tuple[Structure, FloatArray]]:
+        """The singles that are worth a race, from where a few steps have taken them.
+
+        A promise is a straight line from the present model. Where that is far from the robot the
+        line leads astray, so that every effect gets the first steps of a fit.
+        """
+        objective = self._problem.screen.objective
+        every = range(len(view.candidates))
+        able = [i for i in every if view.candidates[i].tries and not _outdone(view, i)]
+        warm = fit(
+            objective, evaluate(objective, [view.start([i]) for i in able]), iterations=_WARM
+        )
+        by_score = sorted(range(len(able)), key=lambda k: warm[k].score)
+        by_promise = sorted(range(len(able)), key=lambda k: view.promise([able[k]]))
+        chosen = dict.fromkeys([*by_score[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]])
+        return [(warm[k].structure, warm[k].values) for k in chosen]
 
     def _terms(self, structure: Structure) -> list[Term]:
         """Every effect where it could be added: those present only at places without them."""
@@ -235,6 +284,8 @@ class _Search:
         found = []
         for term in candidate_terms(self._effects, self._problem.robots, self._problem.joints):
             known = present.get(term.effect.name)
+            if not term.effect.fitted:
+                continue
             if known is None:
                 found.append(term)
             elif not known.shared:
@@ -250,20 +301,22 @@ class _Search:
             tuple(t for t in current.structure.terms if t is not term), problem.robots
         )
         (alone,) = refit(problem, current, [others])
-        tried = self._try(alone, None)
+        tried = self._try(alone, None) if term.effect.fitted else None
         mine = others.with_term(term)
         own = evaluate(
             problem.fit.objective, [(mine, carried(current.values, current.structure, mine))]
         )[0]
+        fits_tried = tried.fits if tried else ()
         singles = [
             i
-            for i, one in enumerate(tried.fits)
+            for i, one in enumerate(fits_tried)
             if len(one.structure.terms) == len(mine.terms)
             and one.structure.terms[-1].effect is not term.effect
             and term.effect.name not in one.structure.terms[-1].effect.extends
         ]
-        singles.sort(key=lambda i: tried.evidence.both[i])
-        start = [tried.fits[i] for i in singles[:_MOST_RIVALS]]
+        if tried:
+            singles.sort(key=lambda i: tried.evidence.both[i])
+        start = [fits_tried[i] for i in singles[:_MOST_RIVALS]]
         self._refine(current)
         objective = problem.fit.objective
         rivals = evaluate(objective, [(one.structure, one.values) for one in start])
@@ -390,13 +443,17 @@ class _Search:
     def _without_the_needless(self, current: Fit) -> Fit:
         """The fit without effects that those named after them have made superfluous."""
         for term in current.structure.terms:
-            if len(current.structure.terms) == 1:
-                break
+            if len(current.structure.terms) == 1 or not term.effect.fitted:
+                continue
             terms = tuple(other for other in current.structure.terms if other is not term)
             (smaller,) = refit(self._problem, current, [Structure(terms, self._problem.robots)])
             if not worth_it(self._problem, weigh(self._problem, [smaller, current]), 1):
                 current = smaller
         return current
+
+
+def _case(one: Fit) -> Case:
+    return Case(structure=one.structure, values=one.values[None])
 
 
 def _key(structure: Structure) -> _Key:
@@ -416,47 +473,32 @@ def _finalists(evidence: Evidence) -> list[int]:
     return [int(i) for i in order if gain[i] > max(0.0, _IN_REACH * gain.max())]
 
 
-def _proposals(view: View) -> list[tuple[int, ...]]:
-    """Singles and pairs that promise most."""
-    channels = view.channels
+def _pairs(view: View) -> list[tuple[int, int]]:
+    """Pairs that promise more than any single; no effect is in too many of them."""
     promised = [view.promise([i]) for i in range(len(view.candidates))]
-    order = [
-        i
-        for i in np.argsort(promised, kind="stable").tolist()
-        if view.candidates[i].columns and not _outdone(view, promised, i)
-    ]
-    if not order:
-        return []
-    best = view.score - promised[order[0]]
-    singles = [
-        i
-        for rank, i in enumerate(order[:_MOST_SINGLES])
-        if rank < _FEWEST_SINGLES or view.score - promised[i] > _PROMISING * best
-    ]
-    least = promised[order[0]] - _MORE_THAN_ONE / channels
+    able = [i for i, one in enumerate(view.candidates) if one.columns and not _outdone(view, i)]
+    least = min(promised) - _MORE_THAN_ONE / view.channels
     pairs = sorted(
         (promise, pair)
-        for pair in itertools.combinations(order, 2)
+        for pair in itertools.combinations(able, 2)
         if view.candidates[pair[0]].term.effect is not view.candidates[pair[1]].term.effect
         and (promise := view.promise(pair)) < least
     )
     often: dict[int, int] = {}
-    chosen: list[tuple[int, ...]] = [(i,) for i in singles]
+    chosen: list[tuple[int, int]] = []
     for _, pair in pairs:
-        if len(chosen) < len(singles) + _MOST_PAIRS and all(
-            often.get(i, 0) < _MOST_PAIRS // 2 for i in pair
-        ):
+        if len(chosen) < _MOST_PAIRS and all(often.get(i, 0) < _MOST_PAIRS // 2 for i in pair):
             chosen.append(pair)
             often.update({i: often.get(i, 0) + 1 for i in pair})
     return chosen
 
 
-def _outdone(view: View, promised: Sequence[float], i: int) -> bool:
+def _outdone(view: View, i: int) -> bool:
     """Whether one value for all promises as much as this candidate's one for each."""
     mine = view.candidates[i].term
     return not mine.shared and any(
         other.term.shared
         and other.term.effect is mine.effect
-        and view.channels * (promised[k] - promised[i]) < _NO_MORE
+        and view.channels * (view.promise([k]) - view.promise([i])) < _NO_MORE
         for k, other in enumerate(view.candidates)
     )

@@ -11,8 +11,8 @@ from walkerkit.gap.search.evidence import weigh
 from walkerkit.gap.search.fit import Fit, evaluate, fit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Structure, Term, carried
+from walkerkit.gap.search.worth import worth_it
 
-_PLACE = 0.03  # a place whose loss costs less, summed over the channels, does not need the effect
 _REFITS = 4
 
 
@@ -34,7 +34,6 @@ def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
     Returns:
         A fit that keeps the term at one place at least.
     """
-    channels = len(problem.channels)
     while len(term.places) > 1:
         without = [
             replace(term, sites=tuple(other for other in term.sites if other != site))
@@ -42,17 +41,18 @@ def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
         ]
         fits = refit(problem, full, [_replaced(full.structure, term, t) for t in without])
         evidence = weigh(problem, [full, *fits])
-        harm = channels * (evidence.both[1:] - evidence.both[0])
-        needless = [site for site, cost in zip(term.sites, harm, strict=True) if cost < _PLACE]
+        needless = [
+            k for k in range(1, len(fits) + 1) if not worth_it(problem, evidence, 0, base=k)
+        ]
         if not needless:
             break
-        kept = tuple(site for site in term.sites if site not in needless)
+        harm = evidence.both[1:] - evidence.both[0]
+        kept = tuple(site for k, site in enumerate(term.sites, start=1) if k not in needless)
         if not kept:  # each can stand in for the others: the one that is missed most stays
             kept = (term.sites[int(np.argmax(harm))],)
         smaller = replace(term, sites=kept)
         (found,) = refit(problem, full, [_replaced(full.structure, term, smaller)])
-        cost = channels * float(weigh(problem, [full, found]).both @ np.array([-1.0, 1.0]))
-        if cost > _PLACE * len(needless):
+        if len(needless) > 1 and worth_it(problem, weigh(problem, [found, full]), 1):
             # Together they are needed: drop only the one that is missed least.
             k = int(np.argmin(harm))
             smaller, found = without[k], fits[k]

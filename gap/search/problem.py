@@ -27,8 +27,7 @@ REFINEMENT = 2  # how many times finer the timestep is that shows the numerical 
 _SCORED = ("position", "effort", "base_position", "base_orientation")
 # Whole rollouts are searched in stretches: side by side they take less time, and tell as much.
 _STRETCH = 3.0  # s
-_RACE_STEPS = 12_000
-_SCREEN_STEPS, _SCREEN_WINDOW = 6_000, 1.0  # s
+_RACE_STEPS, _SCREEN_STEPS = 12_000, 6_000
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
@@ -142,13 +141,11 @@ def build(
             if mine
         )
 
-    def half(
-        recordings: Sequence[Sequence[Recording]], length: float | None = None, every: int = 1
-    ) -> Half:
+    def half(recordings: Sequence[Sequence[Recording]], share: float = 1.0) -> Half:
         def parts(mine: Sequence[Recording]) -> tuple[Segment, ...]:
-            if window is not None or length is not None:
-                return cut(mine, window or length)[::every]
-            return tuple(s for one in mine for s in stretches(one, _STRETCH))[::every]
+            if window is not None:
+                return _spread(cut(mine, window), share)
+            return _spread([s for one in mine for s in stretches(one, _STRETCH)], share)
 
         def finer(robot: Robot) -> Robot:
             return robot.refined(REFINEMENT)
@@ -167,25 +164,30 @@ def build(
         )
 
     fit = half(fitted)
-    # Stretches are alike, so that every second or third tells as much of a candidate.
     steps = fit.objective.steps
 
-    def part(most: int, length: float | None = None) -> Half:
-        every = -(-steps // most)
-        return fit if every == 1 else half(fitted, length, every)
+    def part(most: int) -> Half:
+        return fit if steps <= most else half(fitted, most / steps)
 
     return Problem(
         robots=tuple(sized),
         joints=joints,
         fit=fit,
         race=part(_RACE_STEPS),
-        screen=part(_SCREEN_STEPS, _SCREEN_WINDOW),
+        screen=part(_SCREEN_STEPS),
         held=half(held_out),
         noise=floor,
         hold=hold,
         window=window,
         n_threads=n_threads,
     )
+
+
+def _spread(segments: Sequence[Segment], share: float) -> tuple[Segment, ...]:
+    """A share of the segments, evenly spread: they are alike, so that some tell as much as all."""
+    count = max(1, round(share * len(segments)))
+    middles = (np.arange(count) + 0.5) * len(segments) / count
+    return tuple(segments[int(k)] for k in middles)
 
 
 def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.Noise:

@@ -41,7 +41,7 @@ class Candidate:
     Attributes:
         term: the effect at the places that promise something.
         tries: place to the values of its parameters there that promise most.
-        columns: indices of its changes in the view.
+        columns: indices of its changes in the view; none for what promises nothing.
     """
 
     term: Term
@@ -65,8 +65,9 @@ class View:
     Args:
         objective: the recordings that are looked at.
         current: the fit.
-        residual: (rows, n_scored) what it leaves.
-        nuisance: (k, rows, n_scored) changes that are free to go with every effect.
+        residual: (rows, n_scored) what it leaves, with the numerical error in it.
+        nuisance: (k, rows, n_scored) changes that go with every effect, freely or by factors within
+            the objective's bounds where they are numerical; those are the last.
         simulated: the effects at their magnitudes.
 
     Attributes:
@@ -87,6 +88,7 @@ class View:
         self._current = current
         self._residual = residual
         self._nuisance = nuisance
+        self._bounded = objective.numerical_bounds()
         self._columns: list[FloatArray] = [*nuisance]
         self.candidates = tuple(self._chosen(one) for one in simulated)
         self.channels = len(objective.channels)
@@ -115,9 +117,9 @@ class View:
         best: dict[str, int] = {}
         explained = self._explained(one.changes) if one.places else np.zeros(0)
         for k, place in enumerate(one.places):
-            if explained[k] > 0 and (place not in best or explained[k] > explained[best[place]]):
+            if place not in best or explained[k] > explained[best[place]]:
                 best[place] = k
-        picked = list(best.items())
+        picked = [(place, k) for place, k in best.items() if explained[k] > 0]
         self._columns.extend(one.changes[k].astype(np.float64) for _, k in picked)
         self.__dict__.pop("_products", None)
         own = list(range(offset, offset + len(picked)))
@@ -129,7 +131,8 @@ class View:
             if min(cost) >= _NEEDED:
                 break
             own.pop(int(np.argmin(cost)))
-        kept = [picked[k - offset] for k in own]
+        # What promises nothing anywhere can still be fitted from where it does least harm.
+        kept = [picked[k - offset] for k in own] or list(best.items())
         term = one.term
         if not term.shared and kept:
             sites = tuple(site for site in term.sites if site in dict(kept))
@@ -146,8 +149,9 @@ class View:
         root = np.sqrt(weights).astype(np.float32)
         a = (changes * root).reshape(len(changes), -1)
         r = (self._residual.astype(np.float32) * root).ravel()
-        if len(self._nuisance):
-            n = (self._nuisance.astype(np.float32) * root).reshape(len(self._nuisance), -1)
+        free = self._nuisance[: len(self._nuisance) - len(self._bounded)]
+        if len(free):
+            n = (free.astype(np.float32) * root).reshape(len(free), -1)
             basis, _ = np.linalg.qr(n.T)
             r = r - basis @ (basis.T @ r)
             a = a - (a @ basis) @ basis.T
@@ -173,14 +177,40 @@ class View:
         k = np.asarray(columns, dtype=np.intp)
         if k.size:
             gram, along = gram[:, k[:, None], k], along[:, k]
+            first = len(self._nuisance) - len(self._bounded)
+            bounded = (k >= first) & (k < len(self._nuisance))
+            low, high = self._bounded.T
             for _ in range(_SWEEPS):
                 weights = objective.weights(mean_square)
                 matrix = np.einsum("c,cij->ij", weights, gram)
-                ridge = _RIDGE * np.diag(matrix) + 1e-300
-                x = -np.linalg.solve(matrix + np.diag(ridge), weights @ along)
+                matrix += np.diag(_RIDGE * np.diag(matrix) + 1e-300)
+                target = -weights @ along
+                x = np.linalg.solve(matrix, target)
+                if bounded.any():
+                    x = _within(matrix, target, x, bounded, low, high)
                 left = square + 2 * along @ x + np.einsum("i,cij,j->c", x, gram, x)
                 mean_square = np.maximum(left, 0) / objective.count
         return float(objective.score(mean_square))
+
+
+def _within(
+    matrix: FloatArray,
+    target: FloatArray,
+    x: FloatArray,
+    bounded: NDArray[np.bool_],
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """The least squares x with some of its numbers moved to their bounds, the others following."""
+    held = np.clip(x[bounded], low, high)
+    if (held == x[bounded]).all():
+        return x
+    free = ~bounded
+    x = x.copy()
+    x[bounded] = held
+    rest = target[free] - matrix[np.ix_(free, bounded)] @ held
+    x[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
+    return x
 
 
 def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
@@ -196,11 +226,10 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     """
     objective = half.objective
     own = Case(structure=current.structure, values=current.values[None])
-    (residual,) = objective.residuals([own])[0]
     (simulated,) = objective.simulated([own])[0]
     slopes = jacobian(objective, current)
+    slopes = slopes[np.square(slopes).sum(axis=(1, 2)) > 0]
     nuisance = np.concatenate([slopes, objective.numerical])
-    nuisance = nuisance[np.square(nuisance).sum(axis=(1, 2)) > 0]
     found = []
     cases = [_tries(current, term) for term in terms]
     flat = [case for _, _, case in cases]
@@ -220,7 +249,7 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
                     changes=changes[fine],
                 )
             )
-    return View(objective, current, residual, nuisance, found)
+    return View(objective, current, simulated, nuisance, found)
 
 
 def _tries(current: Fit, term: Term) -> tuple[list[str], list[FloatArray], Case]:
