@@ -32,13 +32,19 @@ class TestBaseTilt(EffectContract):
 class TestEndStop(EffectContract):
     name = "end_stop"
     may_be_out_of_reach = True
-    idle = ("lower", "upper", "timeconst")
+    rounding = 1e-5  # stops turn around what hits them
+    idle = ("lower", "upper", "stiffness", "damping_ratio")
 
     def plant(self, machine):
-        stops = 'name="knee" limited="true" range="-0.2 0.85" solreflimit="0.013 1"'
-        text = LEG.format(**PLAIN).replace('name="knee"', stops)
-        machine.model = mujoco.MjModel.from_xml_string(text)
-        return {"knee": [-0.2, 0.85, 0.013]}
+        inertia = 1 / machine.model.dof_invweight0[1]
+
+        def stops(now):
+            beyond = now.q[1] - np.clip(now.q[1], -0.2, 0.85)
+            effort = 400 * beyond + 2 * 0.4 * np.sqrt(400 * inertia) * now.qd[1]
+            now.extra[1] -= effort * (beyond * effort > 0)
+
+        machine.gear = stops
+        return {"knee": [-0.2, 0.85, 400, 0.4]}
 
 
 class TestStops:
@@ -57,7 +63,8 @@ class TestStops:
 
     def test_only_variants_with_a_stop_are_limited(self, plain):
         robot, recording = plain
-        trials = self.trials(robot, (None, None, None), (None, 0.6, None), (-0.1, None, 0.01))
+        nothing, above, below = (None,) * 4, (None, 0.6, None, None), (-0.1, None, 500, 0.2)
+        trials = self.trials(robot, nothing, above, below)
         knee = robot.joints["knee"].id
         assert trials.field("jnt_limited")[:, knee].tolist() == [False, True, True]
         free, above, below = replayed(robot, recording, trials)[:, :, 1]
@@ -68,13 +75,14 @@ class TestStops:
     def test_the_other_stop_of_the_model_stays(self, awkward):
         robot, _ = awkward
         knee = robot.joints["knee"].id
-        trials = self.trials(robot, (None, 0.6, None), (None, None, 0.1))
+        trials = self.trials(robot, (None, 0.6, None, None), (None, None, 200, None), (None,) * 4)
         own = robot.model.jnt_range[knee]
         np.testing.assert_array_equal(
-            trials.field("jnt_range")[:, knee], [[own[0], 0.6], [own[0], own[1]]]
+            trials.field("jnt_range")[:, knee], [[own[0], 0.6], [own[0], own[1]], own]
         )
         # Softer stops are a change, too.
-        np.testing.assert_array_equal(trials.field("jnt_solref")[:, knee, 0], [0.02, 0.1])
+        solref = trials.field("jnt_solref")[:, knee, 0]
+        assert solref[0] < solref[1] < 0 < solref[2]
 
     def test_a_stop_of_the_model_that_the_robot_passed_may_move_outwards(self, plain):
         robot, _ = plain
@@ -83,7 +91,7 @@ class TestStops:
         narrow = replace(
             robot_from_spec(mujoco.MjSpec.from_string(text), "leg.xml"), excursions={"knee": far}
         )
-        lower, upper, _ = CATALOGUE["end_stop"].parameters(narrow, "knee")
+        lower, upper, *_ = CATALOGUE["end_stop"].parameters(narrow, "knee")
         assert (lower.zero, upper.zero) == (-0.5, 0.5)
         assert lower.lower < -3
         assert upper.upper > 3
