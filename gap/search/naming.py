@@ -34,7 +34,7 @@ _Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and
 MOST_EFFECTS = 6
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
 _MOST_OF_THE_GAP = 0.5  # of the score: gaps that shrink to six tenths
-_FAR_ABOVE = 3.0  # of the noise
+_FAR_ABOVE = 10.0  # of the noise
 _REFITS = 4
 _PASSES = 2  # of fitting and finding the numerical error again
 _SETTLED = 0.05  # of a parameter's scale
@@ -296,53 +296,52 @@ class _Search:
 
     def _contest(self, current: Fit, term: Term) -> _Contest:
         """Compares an effect with those that could be in its place."""
-        problem = self._problem
+        problem, objective = self._problem, self._problem.fit.objective
         others = Structure(
             tuple(t for t in current.structure.terms if t is not term), problem.robots
         )
         (alone,) = refit(problem, current, [others])
-        tried = self._try(alone, None) if term.effect.fitted else None
-        mine = others.with_term(term)
-        own = evaluate(
-            problem.fit.objective, [(mine, carried(current.values, current.structure, mine))]
-        )[0]
-        fits_tried = tried.fits if tried else ()
-        singles = [
-            i
-            for i, one in enumerate(fits_tried)
-            if len(one.structure.terms) == len(mine.terms)
-            and one.structure.terms[-1].effect is not term.effect
-            and term.effect.name not in one.structure.terms[-1].effect.extends
-        ]
-        if tried:
-            singles.sort(key=lambda i: tried.evidence.both[i])
-        start = [fits_tried[i] for i in singles[:_MOST_RIVALS]]
+        rivals = self._rivals(alone, term.effect) if term.effect.fitted else []
         self._refine(current)
-        objective = problem.fit.objective
-        rivals = evaluate(objective, [(one.structure, one.values) for one in start])
+        mine = others.with_term(term)
+        starts = [(mine, carried(current.values, current.structure, mine))]
+        own, *fits = evaluate(
+            objective, [*starts, *((one.structure, one.values) for one in rivals)]
+        )
         # Those that come near get what the named one has had: a fit to all recordings.
         near = [
             k
-            for k, one in enumerate(rivals)
+            for k, one in enumerate(fits)
             if len(problem.channels) * (one.score - own.score) < _NEAR
         ]
-        fitted = fit(objective, [rivals[k] for k in near], iterations=_REFITS)
+        fitted = fit(objective, [fits[k] for k in near], iterations=_REFITS)
         for k, one in zip(near, fitted, strict=True):
-            rivals[k] = one
-        fits = (own, *rivals)
-        evidence = weigh(problem, [*fits, alone])
-        contest = evidence.some(range(len(fits)))
+            fits[k] = one
+        evidence = weigh(problem, [own, *fits, alone])
+        contest = evidence.some(range(len(fits) + 1))
         better = [
             k
-            for k in range(1, len(fits))
-            if self._is_better(contest, k, _size(fits[k]) > _size(own))
+            for k, one in enumerate(fits, start=1)
+            if self._is_better(contest, k, _size(one) > _size(own))
         ]
         return _Contest(
-            fits=fits,
+            fits=(own, *fits),
             evidence=evidence,
             close=tuple(close_to(contest, len(problem.channels))),
-            better=fits[min(better, key=lambda k: contest.both[k])] if better else None,
+            better=fits[min(better, key=lambda k: contest.both[k]) - 1] if better else None,
         )
+
+    def _rivals(self, alone: Fit, effect: Effect) -> list[Fit]:
+        """The best effects in place of one, on top of the others; no generalisations of it."""
+        tried = self._try(alone, None)
+        singles = [
+            i
+            for i in np.argsort(tried.evidence.both, kind="stable").tolist()
+            if len(tried.fits[i].structure.terms) == len(alone.structure.terms) + 1
+            and tried.fits[i].structure.terms[-1].effect is not effect
+            and effect.name not in tried.fits[i].structure.terms[-1].effect.extends
+        ]
+        return [tried.fits[i] for i in singles[:_MOST_RIVALS]]
 
     def _is_better(self, contest: Evidence, k: int, larger: bool) -> bool:
         if 0 in close_to(contest, len(self._problem.channels), first=k):
