@@ -288,6 +288,8 @@ class _Spectrum:
         Args:
             factor: (n,) what multiplies the waves.
         """
+        if not factor.any():
+            return []
         gram = self._beside @ self._beside.T
         known = self._beside @ self._series
         inverse = np.linalg.pinv(gram, hermitian=True)

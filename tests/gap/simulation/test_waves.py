@@ -136,10 +136,16 @@ def test_a_joint_that_hardly_moves_shows_none():
     assert waves(arm(), [Recording(name="log", time=time, columns=still)], ["j"]) == {"j": ()}
 
 
-def test_a_joint_without_an_actuator_shows_what_its_bearing_does():
-    recording = log(lambda q, qd, tau: (tau, 0.0))
+@pytest.mark.parametrize("signals", [("position", "effort"), ("position",)], ids=["effort", "q"])
+def test_a_joint_without_an_actuator_shows_what_its_bearing_does(signals):
+    columns = log(lambda q, qd, tau: (tau, 0.0), signals).columns
+    columns = {name.replace("j/position_t", "k/position_t"): c for name, c in columns.items()}
+    columns["k/position"] = columns["j/position"]
+    recording = Recording(name="log", time=STEP * np.arange(3000), columns=columns)
     passive = replace(arm(""), source="passive")
-    assert {wave.form for wave in waves(passive, [recording], ["j"])["j"]} >= {"pose", "friction"}
+    forms = {wave.form for wave in waves(passive, [recording], ["j"])["j"]}
+    assert forms >= {"pose", "friction"}
+    assert ("effort" in forms) == ("effort" in signals)
 
 
 @pytest.mark.parametrize(
