@@ -7,14 +7,15 @@ A rehearsal is worth something only where the "robot" is not the simulation over
 moves bare rigid bodies here, several times finer than the model's own step; controller, motor,
 gear, friction and log are laws of their own in numpy (the `hardware_…` modules), applied as joint
 efforts, and what is logged is late, noisy and quantised. Of the model it keeps bodies, inertia,
-gravity, springs, joint limits and contacts.
+gravity, springs, joint limits and contacts but those of feet that stand on the ground.
 
 The log has each joint's `position_target` as it was sent, `position` and `velocity` as the encoder
 reads them, and `effort` as the drive believes it delivers it: after its own limits and lags,
-without a wrong torque constant, bias, ripple, spring or friction.
+without a wrong torque constant, bias, ripple, spring or friction; and of a base that floats its
+pose and velocity.
 
-Limits: every actuator must be a plain position servo of a hinge or slide joint (gear 1); a floating
-base moves but is not logged; tendons and equality constraints stay MuJoCo's.
+Limits: every actuator must be a plain position servo of a hinge or slide joint (gear 1); tendons,
+equality constraints and all other contacts stay MuJoCo's.
 """
 
 from __future__ import annotations
@@ -31,9 +32,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.rehearsal.hardware_base import WIDTH, base_readings, free_joint
 from walkerkit.gap.rehearsal.hardware_controller import Controller
 from walkerkit.gap.rehearsal.hardware_drive import Drives, load_rig
 from walkerkit.gap.rehearsal.hardware_friction import Friction
+from walkerkit.gap.rehearsal.hardware_ground import Soil
 from walkerkit.gap.rehearsal.hardware_log import Log, readings
 from walkerkit.gap.rehearsal.hardware_motor import Motor
 from walkerkit.gap.rehearsal.hardware_transmission import Stops, Transmission
@@ -112,8 +115,9 @@ def run_hardware(
     ends = lead, max(log.values(longest) - lead - len(held), 0)
     sent = np.pad(held, (ends, (0, 0), (0, 0)), "edge")
     seeds = [[seed, i] for i in range(len(commands))]
-    signals = _run(model, drives, hidden, sent, lead, seeds)
+    *signals, base = _run(model, drives, hidden, sent, lead, seeds)
     rows = log.rows(*signals, count=longest)
+    poses = log.base_rows(base, count=longest)
     recordings = []
     for i, (name, command) in enumerate(zip(names, commands, strict=True)):
         rng = np.random.default_rng(seeds[i])
@@ -123,6 +127,8 @@ def run_hardware(
             for j, joint in enumerate(drives.joints)
             for signal, values in zip(_LOGGED, (command, *read), strict=True)
         }
+        if poses.size:
+            columns |= base_readings(poses[: len(command), i], rng)
         time = np.arange(len(command)) / rate
         if jitter:
             time = time + np.clip(jitter * rng.standard_normal(len(time)), -0.4 / rate, 0.4 / rate)
@@ -211,7 +217,7 @@ def _run(
     sent: Array,
     start: int,
     seeds: Sequence[Sequence[int]],
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Steps all experiments together.
 
     Args:
@@ -224,7 +230,8 @@ def _run(
 
     Returns:
         Positions and speeds as the encoders read them and reported efforts at each step, shape as
-        `sent`.
+        `sent`, and the state of a base that floats, shape (n_steps, n_experiments, 13), else
+        (…, 0).
     """
     step, n_sims = float(model.opt.timestep), sent.shape[1]
     controller = Controller(drives, hidden, step=step, n_sims=n_sims)
@@ -233,17 +240,27 @@ def _run(
     stops = Stops(model, drives, hidden)
     troubles = Troubles(drives, hidden, step=step, n_steps=len(sent), seeds=seeds)
     transmission = Transmission(model, drives, hidden, step=step, n_sims=n_sims)
-    batch = mujoco.batch.Batch(model, n_sims, nthread=1)
+    soil = Soil(model, hidden, step=step, n_sims=n_sims)
+    free = free_joint(model)
+    # Only a persistent batch goes on from the velocities that the ground asks for.
+    batch = mujoco.batch.Batch(model, n_sims, nthread=1, persistent=soil.any)
+    stage = mujoco.mjtStage.mjSTAGE_VEL if soil.any else mujoco.mjtStage.mjSTAGE_NONE
     qpos, qvel, applied = batch.bind("qpos"), batch.bind("qvel"), batch.bind("qfrc_applied")
     qpos[:] = _start(model)
     ranges = np.where(model.jnt_limited[:, None], model.jnt_range, [-np.inf, np.inf])
     lower, upper = ranges[model.dof_jntid[drives.dofs]].T
     qpos[:, drives.qpos] = np.clip((sent[0] - drives.offset) / drives.slope, lower, upper)
     position, speed, effort = np.empty((3, *sent.shape))
+    base = np.empty((*sent.shape[:2], 0 if free is None else WIDTH))
+    if soil.any:
+        soil.watch(batch)
     for k, target in enumerate(controller.arriving(sent, start=start)):
         q, qd = qpos[:, drives.qpos], qvel[:, drives.dofs]
         angle, rate = transmission.motor_side(q, qd)
         position[k], speed[k] = drives.read(angle, rate)
+        if free is not None:
+            base[k, :, :7] = qpos[:, free[0] : free[0] + 7]
+            base[k, :, 7:] = qvel[:, free[1] : free[1] + 6]
         effort[k] = motor.made(controller.asked(target, position[k], speed[k]), rate)
         shaft = motor.delivered(effort[k], angle)
         if transmission.any:
@@ -259,7 +276,9 @@ def _run(
         if troubles.any:
             load += troubles.effort(k, q)
         applied[:, drives.dofs] = load
-        batch.step()
+        if soil.any:
+            soil.push(batch)
+        batch.step(stage=stage)
         if k % _LOOK == 0 or k == len(sent) - 1:
             lost = ~(np.abs(qvel).max(axis=1) < _LOST)
             if lost.any():
@@ -268,7 +287,7 @@ def _run(
                     f"{k * step - SETTLE:.3f} s after its start; soften the model's gains, hide "
                     "less, or raise substeps"
                 )
-    return position, speed, effort
+    return position, speed, effort, base
 
 
 def _start(model: mujoco.MjModel) -> Array:

@@ -71,8 +71,7 @@ class Log:
         Returns:
             Position, speed and effort, shape (3, count, n_sims, n_joints).
         """
-        # A clock that is fast by 1 % has counted 1 s when 0.99 s have passed.
-        at = self._start + np.arange(count)[:, None] * self._stride / self._clock
+        at = self._instants(count)
         shown, slope = position, np.ones_like(speed)
         for amplitude, periods, phase in self._errors:
             angle = periods * position + phase
@@ -80,6 +79,16 @@ class Log:
             slope += amplitude * periods * np.cos(angle)
         late = at - np.round(self._late, 9)
         return np.stack([read(shown, late), read(slope * speed, late), read(effort, at + 0 * late)])
+
+    def base_rows(self, states: Array, *, count: int) -> Array:
+        """What the rows show of the base, (n_values, n_sims, n) → (count, n_sims, n)."""
+        return read(states, self._instants(count))
+
+    def _instants(self, count: int) -> Array:
+        """The values at which the rows are, shape (count, 1)."""
+        # A clock that is fast by 1 % has counted 1 s when 0.99 s have passed.
+        instants: Array = self._start + np.arange(count)[:, None] * self._stride / self._clock
+        return instants
 
 
 def readings(rows: Array, rng: np.random.Generator) -> Array:

@@ -9,9 +9,9 @@
     HiddenEffect(effect="command_delay", joints=("*",), values={"delay": 0.008})
     HiddenEffect(effect="payload", bodies=("calf",), values={"mass": 0.2})
 
-`HIDEABLE` and `NAMELESS` list the effects with their parameters. A value is given once for all of
-the effect's joints or bodies, or for each as `<joint>/<parameter>`. `joints=("*",)` means every
-joint.
+`HIDEABLE`, `GROUND` and `NAMELESS` list the effects with their parameters. A value is given once
+for all of the effect's joints or bodies, or for each as `<joint>/<parameter>`. `joints=("*",)`
+means every joint.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError, closest
-from walkerkit.gap.rehearsal.hideable import HIDEABLE, NAMELESS, Hideable
+from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NAMELESS, Hideable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class HiddenEffect:
     """An effect with its place and size.
 
     Attributes:
-        effect: name from `HIDEABLE` or `NAMELESS`.
+        effect: name from `HIDEABLE`, `GROUND` or `NAMELESS`.
         joints: the joints that have it, or ("*",) for all; empty unless it is a joint's effect.
         bodies: the bodies that have it; empty unless it is a body's effect.
         values: `<parameter>` or `<joint or body>/<parameter>` to value, read-only.
@@ -48,7 +48,7 @@ class HiddenEffect:
     values: Mapping[str, float]
 
     def __post_init__(self) -> None:
-        if self.effect not in {**HIDEABLE, **NAMELESS}:
+        if self.effect not in {**HIDEABLE, **GROUND, **NAMELESS}:
             raise InputError(
                 f"effect {self.effect!r} cannot be hidden{closest(self.effect, HIDEABLE)}; "
                 f"choose from {', '.join(HIDEABLE)}"
@@ -67,7 +67,7 @@ class HiddenEffect:
     @property
     def kind(self) -> Hideable:
         """Where it can be and which numbers it has."""
-        return HIDEABLE.get(self.effect) or NAMELESS[self.effect]
+        return {**HIDEABLE, **GROUND, **NAMELESS}[self.effect]
 
     @property
     def places(self) -> tuple[str, ...]:

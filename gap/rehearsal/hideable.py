@@ -153,6 +153,17 @@ of the controller's deadband the largest error that is left alone, `lower` and `
 where stops begin; a wave is A sin(N q + φ).
 """
 
+GROUND: Final[Mapping[str, Hideable]] = MappingProxyType(
+    {
+        "ground_friction": Hideable(on="world", parameters=(_some("friction", "", grows=0),)),
+        "ground_compliance": Hideable(
+            on="world", parameters=(_above("stiffness", "N/m", grows=-1),)
+        ),
+    }
+)
+"""What can be hidden under a robot that stands on its feet: the coefficient of friction that they
+have in the place of the model's, and the stiffness of the ground under each foot."""
+
 NAMELESS: Final[Mapping[str, Hideable]] = MappingProxyType(
     {
         "random_pushes": _on_joints(_some("effort", _FORCE)),
