@@ -46,13 +46,17 @@ def spec_of(made: Any, source: str, *, floating: bool = False) -> mujoco.MjSpec:
 def _plain_names(text: str, prefix: str) -> str:
     """PyMJCF's text without a prefix, and without names that it makes up and refuses to read."""
     root = ElementTree.fromstring(text)
+    walker = prefix.rstrip("/")
     for element in root.iter():
         for key, value in element.attrib.items():
             if value == "/":
                 element.set(key, "pymjcf")
             elif value.startswith("//unnamed_"):
                 element.set(key, value.removeprefix("//"))
+            elif prefix and value == prefix:
+                # The frame that it hangs on, or the class of its defaults.
+                element.set(key, walker if key == "name" else f"pymjcf_{walker}")
             elif prefix and value.startswith(prefix):
-                own = value.removeprefix(prefix) or prefix.rstrip("/")
-                element.set(key, own.replace("/unnamed_", f"{prefix.rstrip('/')}_unnamed_"))
+                own = value.removeprefix(prefix)
+                element.set(key, own.replace("/unnamed_", f"{walker}_unnamed_"))
     return ElementTree.tostring(root, encoding="unicode")
