@@ -49,6 +49,7 @@ class Case:
         channels: what its logs have.
         hide: names of the hidden effects.
         single: a joint effect sits in one joint; drawn by default.
+        body: the body that has a body's effect; drawn by default.
         removed: the workflow does not know the hidden effects.
         off: what else is not as in the model.
     """
@@ -59,6 +60,7 @@ class Case:
     channels: Channels
     hide: tuple[str, ...] = ()
     single: bool = False
+    body: str | None = None
     removed: bool = False
     off: Off = ""
 
@@ -154,6 +156,22 @@ def _one_of_twelve(tier: str) -> list[Case]:
     ]
 
 
+def _standing(tier: str) -> list[Case]:
+    """An effect of the ground or of the trunk, under a quadruped on its feet."""
+    effects = ("ground_friction", "ground_compliance", "payload", "com_offset")
+    return [
+        Case(
+            tier=tier,
+            number=i,
+            rig="standing_quadruped",
+            channels="q+qd+tau",
+            hide=(effects[i % len(effects)],),
+            body="trunk",
+        )
+        for i in range(24)
+    ]
+
+
 def _random(tier: str) -> np.random.Generator:
     return np.random.default_rng(zlib.crc32(tier.encode()))
 
@@ -166,6 +184,7 @@ TIERS: Final[Mapping[str, Callable[[str], list[Case]]]] = {
     "nothing": _nothing,
     "outside": _outside,
     "one_of_twelve": _one_of_twelve,
+    "standing": _standing,
 }
 """The tiers by name, each with what makes its cases."""
 

@@ -31,7 +31,7 @@ class Hidden:
 
     Attributes:
         effect: its name.
-        places: all joints or bodies that have it; empty for the whole robot.
+        places: all joints or bodies that have it; all joints for the whole robot.
         alike: effects that make exactly the same logs, as the catalogue documents.
         text: for people.
     """
@@ -48,7 +48,7 @@ class Named:
 
     Attributes:
         effect: its name.
-        places: all joints or bodies where it was named; empty for the whole robot.
+        places: all joints or bodies where it was named; all joints for the whole robot.
         confidence: as stated.
         doubt: effects that it is said to be indistinguishable from.
         alike: effects that make exactly the same logs, as the catalogue documents.

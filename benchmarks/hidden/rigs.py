@@ -1,12 +1,13 @@
-"""The robots on which effects are hidden: of 1, 3 and 12 joints, all fixed to the world.
+"""The robots on which effects are hidden: of 1, 3 and 12 joints in the air, and one that stands.
 
 path = write_rig("leg", folder)                               # the model
 real = write_rig("leg", folder, nuisance=rng)                 # its numbers a little off
-targets = experiments(path, seed=0)                           # name to (T, n_joints)
+targets = experiments("leg", path, seed=0)                    # name to (T, n_joints)
 """
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.rehearsal.hardware_drive import load_rig
+from walkerkit.gap.rehearsal.standing import standing_targets, write_standing
 from walkerkit.tasks.excitation import BATTERY
 from walkerkit.tasks.room import room_about
 from walkerkit.walkers import LEG_XML
@@ -25,6 +27,8 @@ FloatArray = NDArray[np.float64]
 
 RATE: Final = 500.0
 """Samples a second."""
+SECONDS: Final = 12.0
+"""Of an experiment."""
 NUISANCE: Final = 0.2
 """By how much of themselves armature, damping and frictionloss of a robot may be off."""
 EXPERIMENTS: Final[Mapping[str, tuple[tuple[str, float], ...]]] = {
@@ -84,12 +88,18 @@ def _hung() -> mujoco.MjSpec:
     return spec
 
 
+def _standing() -> mujoco.MjSpec:
+    with tempfile.TemporaryDirectory() as folder:
+        return mujoco.MjSpec.from_file(str(write_standing(folder)))
+
+
 RIGS: Final[Mapping[str, Callable[[], mujoco.MjSpec]]] = {
     "pendulum": _pendulum,
     "leg": _leg,
     "hung_quadruped": _hung,
+    "standing_quadruped": _standing,
 }
-"""The robots by name; of 1, 3 and 12 joints."""
+"""The robots by name."""
 
 
 def write_rig(
@@ -131,17 +141,20 @@ def write_rig(
     return path
 
 
-def experiments(path: Path, *, seed: int, shorter: float = 1.0) -> dict[str, FloatArray]:
+def experiments(rig: str, path: Path, *, seed: int, shorter: float = 1.0) -> dict[str, FloatArray]:
     """Targets of the three experiments, around the robot's home pose.
 
     Args:
-        path: MJCF of the robot.
+        rig: name of the robot.
+        path: its MJCF.
         seed: of phases and levels.
         shorter: by which their time is divided.
 
     Returns:
         Name to position targets, (T, n_joints) at `RATE` [rad].
     """
+    if rig == "standing_quadruped":
+        return standing_targets(np.random.default_rng(seed), seconds=SECONDS / shorter)
     model, drives = load_rig(path)
     home = model.key_qpos[0] if model.nkey else model.qpos0
     ids = model.dof_jntid[drives.dofs]

@@ -63,7 +63,8 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
     truths = tuple(_hidden(one, robot, case) for one in hidden)
     if "timestep" in case.hide:
         text = f"timestep of {robot.model.opt.timestep:g} s"
-        truths = (Hidden(effect="timestep", places=(), alike=(), text=text),)
+        everywhere = _places((), (), robot)
+        truths = (Hidden(effect="timestep", places=everywhere, alike=(), text=text),)
     if case.removed:
         gone = {name for one in truths for name in (one.effect, *one.alike)}
         known = [name for name in known if name not in gone]
@@ -123,7 +124,7 @@ def _recorded(
     real = write_rig(case.rig, folder, file="real.xml", nuisance=nuisance)
     substeps = 8 if case.off == "substeps" else 4
     seed = case.seed % _TARGETS
-    targets = experiments(real, seed=seed, shorter=shorter)
+    targets = experiments(case.rig, real, seed=seed, shorter=shorter)
     sent = list(targets.values())
     noise = case.seed
 
@@ -145,13 +146,13 @@ def _recorded(
     nominal = _nominal(case.rig, seed, shorter)
     hidden = []
     for name in names:
-        joints = None
+        places = None if case.body is None else [case.body]
         if case.single:
-            every = [column.rpartition("/")[0] for column in nominal[0].columns]
-            joints = [every[int(rng.integers(len(every)))]]
+            every = nominal[0].joints
+            places = [every[int(rng.integers(len(every)))]]
         signals = [s for s in SIGNALS[case.channels] if s in ("position", "effort")]
         one, _ = draw_loud(
-            real, sent, rng, [name], nominal=nominal, seed=seed, joints=joints, signals=signals
+            real, sent, rng, [name], nominal=nominal, seed=seed, places=places, signals=signals
         )
         hidden.append(one)
     return run(hidden), tuple(hidden)
@@ -162,7 +163,7 @@ def _nominal(rig: str, seed: int, shorter: float) -> tuple[Recording, ...]:
     """Logs of a rig with nothing hidden."""
     with tempfile.TemporaryDirectory() as folder:
         path = write_rig(rig, Path(folder))
-        targets = experiments(path, seed=seed, shorter=shorter)
+        targets = experiments(rig, path, seed=seed, shorter=shorter)
         return tuple(
             run_hardware(path, list(targets.values()), rate=RATE, seed=seed, names=list(targets))
         )
@@ -176,7 +177,7 @@ def _with(recording: Recording, signals: Sequence[str]) -> Recording:
         columns={
             column: values
             for column, values in recording.columns.items()
-            if column.rpartition("/")[2] in signals
+            if column.rpartition("/")[2] in signals or column.startswith("base/")
         },
     )
 
@@ -230,8 +231,8 @@ def _named(
 
 
 def _places(joints: Sequence[str], bodies: Sequence[str], robot: Robot) -> tuple[str, ...]:
-    """The joints or bodies by name; of the whole robot none."""
-    if EVERYWHERE in joints:
+    """The joints or bodies by name; of the whole robot all driven joints."""
+    if EVERYWHERE in joints or not (joints or bodies):
         return tuple(sorted(name for name in robot.joints if robot.joints[name].drives))
     return tuple(sorted((*joints, *bodies)))
 

@@ -46,8 +46,8 @@ def set_size(outcome: Outcome) -> int:
 def place_right(outcome: Outcome) -> bool:
     """Whether the first name is at the hidden effect's joints or bodies, and at no others.
 
-    An effect of the whole robot is nowhere in particular; where it stands for one of joints that
-    makes the same logs, or the other way round, no place can be wrong.
+    Where the name is another that makes exactly the same logs, such as that of an effect of the
+    whole robot for one of a joint, no place is wrong.
     """
     if not outcome.named or not outcome.hidden:
         return False

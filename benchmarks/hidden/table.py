@@ -26,7 +26,7 @@ from benchmarks.hidden.scoring import (
 )
 
 _LARGEST_SET = 5
-_ALL_CHANNELS = ("one_effect", "two_effects", "one_of_twelve")
+_ALL_CHANNELS = ("one_effect", "two_effects", "one_of_twelve", "standing")
 
 
 def rows(outcomes: Sequence[Outcome]) -> list[Row]:
@@ -164,4 +164,5 @@ _FIGURES: dict[str, tuple[_Figure, ...]] = {
         ("right joint", place_right, "95 %"),
         ("first name right", first_right, "85 %"),
     ),
+    "standing": (("first name right", first_right, "75 %"),),
 }

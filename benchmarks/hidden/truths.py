@@ -29,8 +29,9 @@ _OTHERWISE: Final[Mapping[str, Callable[[Mapping[str, float]], dict[str, float]]
         ("cogging", "torque_ripple", "kinematic_error", "pose_dependent_friction"),
         lambda v: {"amplitude": v["amplitude"], "periods": v["periods"]},
     ),
-    # The hidden stop gives way a little, and where it starts to is not where it holds.
-    "end_stop": lambda v: {},
+    # Another law of the ground, and a change of the model's number instead of another number.
+    "ground_compliance": lambda v: {},
+    "ground_friction": lambda v: {},
 }
 
 

@@ -25,13 +25,16 @@ from walkerkit.gap.rehearsal.hardware_drive import load_rig
 from walkerkit.gap.rehearsal.hardware_log import COUNTS, EFFORT_NOISE, POSITION_NOISE
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_sizes import ASKED, Usual, joint_sizes
-from walkerkit.gap.rehearsal.hideable import HIDEABLE, NAMELESS
+from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NAMELESS
 
 Array = NDArray[np.float64]
 
 _ROTORS = ("backlash", "series_elasticity")
 _FELT: Final = 0.25  # least share of the greatest lever for a body worth loading
 _SKEW: Final = (0.0005, 0.0015)
+_SLIPPERY: Final = (0.25, 0.45)  # as of wet tiles
+_SINK: Final = (0.003, 0.01)  # m, of each of four feet that carry a robot
+_KNOWN = {**HIDEABLE, **GROUND, **NAMELESS}
 _NOISE = {
     "position": float(np.hypot(POSITION_NOISE, 2 * np.pi / COUNTS / np.sqrt(12))),
     "effort": EFFORT_NOISE,
@@ -44,12 +47,13 @@ def draw_hidden(
     effects: Sequence[str] | None = None,
     *,
     nominal: Sequence[Recording] | None = None,
-    joints: Sequence[str] | None = None,
+    places: Sequence[str] | None = None,
 ) -> HiddenEffect:
     """Draws an effect for simulated hardware.
 
     Half the time a joint effect sits in one joint, else in all of them, each with its own size. A
-    shared one, a delay for example, is in all with one value; a payload sits on one body.
+    shared one, a delay for example, is in all with one value; a payload sits on one body. The
+    ground is drawn only by name.
 
     Args:
         model_xml_path: the robot's MJCF.
@@ -57,7 +61,8 @@ def draw_hidden(
         effects: names to choose from, each as likely as the others; by default all of `HIDEABLE`
             that this robot can have.
         nominal: experiments of the robot with nothing hidden, without which no limit can be drawn.
-        joints: the joints that have a joint effect; drawn by default.
+        places: the joints that have a joint effect, or the body that has a body's; drawn by
+            default.
 
     Returns:
         The effect.
@@ -70,7 +75,7 @@ def draw_hidden(
         n for n, dof in zip(drives.joints, drives.dofs, strict=True) if model.dof_armature[dof]
     ]
     for name in effects or ():
-        if name not in {**HIDEABLE, **NAMELESS}:
+        if name not in _KNOWN:
             raise InputError(
                 f"effect {name!r} cannot be hidden{closest(name, HIDEABLE)}; choose from "
                 f"{', '.join(HIDEABLE)}"
@@ -100,13 +105,20 @@ def draw_hidden(
                 effect=effect, values={"skew": rng.choice([-1.0, 1.0]) * rng.uniform(*_SKEW)}
             )
         case "payload" | "com_offset":
-            return _on_a_body(effect, model, rng)
+            return _on_a_body(effect, model, rng, places)
+        case "ground_friction":
+            return HiddenEffect(effect=effect, values={"friction": rng.uniform(*_SLIPPERY)})
+        case "ground_compliance":
+            weight = float(np.linalg.norm(model.opt.gravity) * model.body_mass.sum())
+            return HiddenEffect(
+                effect=effect, values={"stiffness": 0.25 * weight / rng.uniform(*_SINK)}
+            )
     sizes = joint_sizes(effect, model, drives, usual, rng)
-    if {**HIDEABLE, **NAMELESS}[effect].shared:
+    if _KNOWN[effect].shared:
         values = {parameter: float(size[0]) for parameter, size in sizes.items()}
         return HiddenEffect(effect=effect, joints=("*",), values=values)
-    places = tuple(joints or (rotors if effect in _ROTORS else drives.joints))
-    if joints is None and len(places) > 1 and rng.uniform() < 0.5:
+    given, places = places, tuple(places or (rotors if effect in _ROTORS else drives.joints))
+    if given is None and len(places) > 1 and rng.uniform() < 0.5:
         places = (places[int(rng.integers(len(places)))],)
     return HiddenEffect(
         effect=effect,
@@ -145,7 +157,9 @@ def loudness(
     return most
 
 
-def _on_a_body(effect: str, model: mujoco.MjModel, rng: np.random.Generator) -> HiddenEffect:
+def _on_a_body(
+    effect: str, model: mujoco.MjModel, rng: np.random.Generator, places: Sequence[str] | None
+) -> HiddenEffect:
     """A payload or a moved centre of mass, on a body whose mass the joints move."""
     data = mujoco.MjData(model)
     if model.nkey:
@@ -161,7 +175,7 @@ def _on_a_body(effect: str, model: mujoco.MjModel, rng: np.random.Generator) -> 
         raise InputError(
             f"the model has no named body that its joints move; name one for a {effect}"
         )
-    body = model.body(named[int(rng.integers(len(named)))])
+    body = model.body(places[0] if places else named[int(rng.integers(len(named)))])
     if effect == "payload":
         moving = float(model.body_mass[felt > 0].sum())
         values = {"mass": rng.uniform(0.05, 0.2) * moving}

@@ -103,7 +103,7 @@ def draw_loud(
     *,
     nominal: Sequence[Recording],
     seed: int,
-    joints: Sequence[str] | None = None,
+    places: Sequence[str] | None = None,
     signals: Sequence[str] = ("position", "effort"),
     substeps: int = 4,
 ) -> tuple[HiddenEffect, list[Recording]]:
@@ -119,7 +119,7 @@ def draw_loud(
         effects: names to choose from, as for `draw_hidden`.
         nominal: the experiments with nothing hidden, with their names.
         seed: of the noise, that of `nominal`.
-        joints: the joints that have a joint effect; drawn by default.
+        places: the joints or the body that have it, as for `draw_hidden`; drawn by default.
         signals: where it has to show, in one of them.
         substeps: as for `run_hardware`.
 
@@ -131,7 +131,7 @@ def draw_loud(
     """
     names = [recording.name for recording in nominal]
     for _ in range(_DRAWS):
-        hidden = draw_hidden(model, rng, effects, nominal=nominal, joints=joints)
+        hidden = draw_hidden(model, rng, effects, nominal=nominal, places=places)
         for _ in range(_GROWTHS):
             try:
                 found = run_hardware(

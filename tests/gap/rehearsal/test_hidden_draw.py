@@ -97,7 +97,19 @@ def test_sits_in_one_joint_about_half_the_time_else_in_all(name):
 
 
 def test_sits_in_the_joints_that_it_is_told_to():
-    assert {d.joints for d in draws(["cogging"], 5, joints=["thigh"])} == {("thigh",)}
+    assert {d.joints for d in draws(["cogging"], 5, places=["thigh"])} == {("thigh",)}
+
+
+def test_sits_on_the_body_that_it_is_told_to():
+    for name in ("payload", "com_offset"):
+        assert {d.bodies for d in draws([name], 5, places=["hip"])} == {("hip",)}
+
+
+def test_draws_the_ground_by_name_alone():
+    assert all(0.2 < d.values["friction"] < 0.5 for d in draws(["ground_friction"], 5))
+    weight = 9.81 * float(load_rig(LEG_XML)[0].body_mass.sum())
+    for drawn in draws(["ground_compliance"], 5):
+        assert 0.002 < 0.25 * weight / drawn.values["stiffness"] < 0.011
 
 
 @pytest.mark.parametrize("name", NAMELESS)
