@@ -12,23 +12,21 @@ import numpy as np
 import pytest
 from dm_control import mjcf
 
-from tests.gap.effects.machine import CHANNELS, JOINTS, NOISE, Machine
+from tests.gap.effects.machine import JOINTS, NOISE, Machine, replay_of
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.search.fit import covariance, evaluate, fit
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.structure import Structure, candidate_terms
 from walkerkit.gap.simulation.excursion import excursions
 from walkerkit.gap.simulation.mend import mend, write_model
-from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import load_robot, robot_from_spec
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 from walkerkit.gap.simulation.trials import Trials
 
 
 def replayed(robot, recording, trials):
-    return Replay(robot, whole(recording), CHANNELS).predict(trials)
+    return replay_of(robot, recording).predict(trials)
 
 
 class EffectContract:
@@ -143,9 +141,9 @@ class EffectContract:
         truth = self.plant(machine)
         recording = machine.log(self.seconds, seed=sum(map(ord, self.name)))
         robot = replace(robot, excursions=excursions(robot, [recording], JOINTS))
-        replay = Replay(robot, whole(recording), CHANNELS)
-        floor = np.array([0.5 * NOISE[channel.signal] for channel in CHANNELS])
-        objective = Objective([replay], CHANNELS, floor)
+        replay = replay_of(robot, recording)
+        noise = np.array([NOISE[channel.quantity] for channel in replay.channels])
+        objective = Objective([replay], replay.channels, 0.5 * noise)
         nothing = Structure((), (robot,))
         (base,) = evaluate(objective, [(nothing, np.zeros(0))])
         term = self.term(robot)
@@ -169,9 +167,7 @@ class EffectContract:
                 size = max(0.2 * slot.parameter.scale, 3 * sigma)
             assert value == pytest.approx(wanted, abs=size), (slot.place, slot.parameter.name)
         residual = np.sqrt(found.mean_square)
-        np.testing.assert_array_less(
-            residual, self.noises_left * np.array([NOISE[channel.signal] for channel in CHANNELS])
-        )
+        np.testing.assert_array_less(residual, self.noises_left * noise)
 
     @pytest.mark.parametrize("variant", ["plain", "awkward"])
     def test_mended_model_moves_as_the_trial_did(self, variant, request, tmp_path):
