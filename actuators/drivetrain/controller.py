@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from walkerkit.actuators.drivetrain.law import (
+    SOON,
     DrivetrainLaw,
     Lag,
     Parameters,
@@ -45,7 +46,9 @@ class SetpointFilter(Lag):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.target, state["target"] = SetpointFilter.lagged(state["target"], step.target, p)
+        step.target, step.target_ahead, state["target"] = SetpointFilter.lagged(
+            state["target"], step.target, step.target_ahead, p
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +71,9 @@ class SlewLimit(DrivetrainLaw):
         """As in `DrivetrainLaw`."""
         before = first(state["target"], step.target)
         most = p["rate"] * step.dt
-        step.target = before + clipped(step.target - before, -most, most)
+        way = step.target - before
+        step.target = before + clipped(way, -most, most)
+        step.target_ahead = np.where(np.abs(way) < most, step.target_ahead, 0.0)
         state["target"] = step.target
 
 
@@ -100,7 +105,9 @@ class SampleAndHold(DrivetrainLaw):
         same = _SAME_INSTANT / step.dt
         before = np.where(before < same, 0.0, np.where(before > 1.0 - same, 1.0, before))
         state["target"] = np.where(before < 1.0, step.target, held)
-        step.target = (1.0 - before) * step.target + before * held
+        mean = (1.0 - before) * step.target + before * held
+        start = np.where(before > SOON, held, step.target + step.target_ahead)
+        step.target, step.target_ahead = mean, start - mean
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +133,10 @@ class ControllerDeadband(DrivetrainLaw):
         low = np.minimum(error, later) - _STANDSTILL
         high = np.maximum(error, later) + _STANDSTILL
         within = np.minimum(high, p["width"]) - np.maximum(low, -p["width"])
-        step.target = step.target - clipped(within / (high - low), 0.0, 1.0) * error
+        lost = clipped(within / (high - low), 0.0, 1.0) * error
+        start = error + step.target_ahead
+        step.target_ahead = lost + np.where(np.abs(start) < p["width"], 0.0, start) - error
+        step.target = step.target - lost
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +185,7 @@ class VelocityFilter(Lag):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        filtered, state["qd"] = VelocityFilter.lagged(state["qd"], step.qd, p)
+        filtered, _, state["qd"] = VelocityFilter.lagged(state["qd"], step.qd, 0.0, p)
         step.effort = clipped(
             step.effort + step.damping * (step.qd - filtered), -step.limit, step.limit
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from walkerkit.actuators.drivetrain.law import (
     DrivetrainLaw,
+    FloatArray,
     Lag,
     Parameters,
     Stage,
@@ -45,7 +46,7 @@ class TorqueSpeedLimit(DrivetrainLaw):
         # Faster than V it can only brake, by no more than its stall torque.
         high = clipped(stall - lost, -stall, stall)
         low = clipped(-stall - lost, -stall, stall)
-        step.effort = clipped(step.effort, low, high)
+        _limit(step, low, high)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +66,9 @@ class ActuatorLag(Lag):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.effort, state["effort"] = ActuatorLag.lagged(state["effort"], step.effort, p)
+        step.effort, step.effort_ahead, state["effort"] = ActuatorLag.lagged(
+            state["effort"], step.effort, step.effort_ahead, p
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +160,7 @@ class SupplySag(DrivetrainLaw):
         # Where there is no limit there is none to fall; 0 · ∞ would say otherwise.
         limit = np.where(np.isfinite(step.limit), step.limit, 0.0) * left
         limit = np.where(np.isfinite(step.limit), limit, np.inf)
-        step.effort = clipped(step.effort, -limit, limit)
+        _limit(step, -limit, limit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,3 +180,9 @@ class QuadraticDrag(DrivetrainLaw):
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
         step.extra -= p["drag"] * step.qd * np.abs(step.qd)
+
+
+def _limit(step: Step, low: FloatArray, high: FloatArray) -> None:
+    start = clipped(step.effort + step.effort_ahead, low, high)
+    step.effort = clipped(step.effort, low, high)
+    step.effort_ahead = start - step.effort

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -21,6 +21,8 @@ from walkerkit.actuators.fields import names
 from walkerkit.actuators.selection import Numbers, per_joint
 
 FloatArray = NDArray[np.float64]
+SOON = 0.05
+"""Of a step: when its beginning is looked at, by which time what has no memory has followed."""
 Stage = Literal["controller", "drive", "joint"]
 
 
@@ -43,6 +45,8 @@ class Step:
         dry: dry friction that the model has [N·m; N].
         held: what MuJoCo's constraints, dry friction among them, did to the joint in the last step
             [N·m; N]; zero where no law reads it.
+        target_ahead, effort_ahead: of the target and of the reported effort, what they are at the
+            step's beginning over their mean over it, where they jump within it.
     """
 
     dt: float
@@ -58,6 +62,8 @@ class Step:
     friction: FloatArray
     dry: FloatArray
     held: FloatArray
+    target_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
+    effort_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
 
 
 Parameters = Mapping[str, FloatArray]
@@ -161,24 +167,27 @@ class Lag(DrivetrainLaw):
 
     @classmethod
     def prepared(cls, p: Parameters, dt: float) -> Parameters:
-        """As in `DrivetrainLaw`; what is left of a difference at a step's end, and in its mean."""
+        """As in `DrivetrainLaw`; what is left of a difference, and passes of a jump."""
         ratio = np.maximum(p["time_constant"], 1e-9) / dt
         left = np.exp(-1.0 / ratio)
-        return {**p, "left": left, "mean": ratio * (1.0 - left)}
+        passing = -np.expm1(-SOON / ratio)
+        return {**p, "left": left, "mean": ratio * (1.0 - left), "passing": passing}
 
     @staticmethod
     def lagged(
-        remembered: FloatArray, now: FloatArray, p: Parameters
-    ) -> tuple[FloatArray, FloatArray]:
+        remembered: FloatArray, now: FloatArray, ahead: FloatArray | float, p: Parameters
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What the filter makes of an input.
 
         Args:
             remembered: where it stands, NaN where it has not begun.
             now: the input, in any unit.
+            ahead: what the input is at the step's beginning over that.
             p: parameters as `prepared`.
 
         Returns:
-            Its mean over the step, and where it stands at the end.
+            Its mean over the step, how far it jumps within it as `ahead` says of the input, and
+            where it stands at the end.
         """
         behind = first(remembered, now) - now
-        return now + behind * p["mean"], now + behind * p["left"]
+        return now + behind * p["mean"], ahead * p["passing"], now + behind * p["left"]

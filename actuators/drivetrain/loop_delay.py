@@ -7,8 +7,17 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Parameters, Stage, State, Step
+from walkerkit.actuators.drivetrain.law import (
+    SOON,
+    DrivetrainLaw,
+    FloatArray,
+    Parameters,
+    Stage,
+    State,
+    Step,
+)
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
 
@@ -18,7 +27,8 @@ class LoopDelay(DrivetrainLaw):
     """Effort that comes late, what is fed back included: τ(t − d).
 
     Between steps it is interpolated linearly; before the first it was as in the first. Of each
-    joint it remembers the efforts of as many steps as the longest delay spans, the latest first.
+    joint it remembers the efforts of as many steps as the longest delay spans, the latest first,
+    and what of them the targets asked for.
 
     Attributes:
         delay: d [s].
@@ -26,7 +36,7 @@ class LoopDelay(DrivetrainLaw):
 
     name: ClassVar[str] = "loop_delay"
     stage: ClassVar[Stage] = "drive"
-    state: ClassVar[tuple[str, ...]] = ("effort",)
+    state: ClassVar[tuple[str, ...]] = ("effort", "asked")
     neutral: ClassVar[Mapping[str, float]] = {"delay": 0.0}
     delay: Numbers = number(at_least=0)
 
@@ -38,14 +48,22 @@ class LoopDelay(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        history = state["effort"]
-        history[..., 1:] = history[..., :-1]
-        history[..., 0] = step.effort
-        if np.isnan(history[..., -1]).any():
-            history[...] = np.where(np.isnan(history), step.effort[..., None], history)
+        efforts, asked = state["effort"], state["asked"]
+        for history, latest in ((efforts, step.effort), (asked, step.stiffness * step.target)):
+            history[..., 1:] = history[..., :-1]
+            history[..., 0] = latest
+            if np.isnan(history[..., -1]).any():
+                history[...] = np.where(np.isnan(history), latest[..., None], history)
         age = np.broadcast_to(p["delay"] / step.dt, step.effort.shape)
-        whole = age.astype(np.intp)
-        part = age - whole
-        newer = np.take_along_axis(history, whole[..., None], axis=-1)[..., 0]
-        older = np.take_along_axis(history, whole[..., None] + 1, axis=-1)[..., 0]
+        whole = age.astype(np.intp)[..., None]
+        part = age - whole[..., 0]
+        newer, older = _then(efforts, whole), _then(efforts, whole + 1)
         step.effort = newer + part * (older - newer)
+        # At its beginning a step still has the target of a whole step before.
+        still = (1.0 - part) * (_then(asked, whole + 1) - _then(asked, whole))
+        prompt = np.where(age < SOON, step.effort_ahead, 0.0)
+        step.effort_ahead = np.where(part > SOON, still, prompt)
+
+
+def _then(history: FloatArray, age: NDArray[np.intp]) -> FloatArray:
+    return np.take_along_axis(history, age, axis=-1)[..., 0]

@@ -136,7 +136,7 @@ class LoopDelay(LawEffect):
                 lower=0.0,
                 upper=max(_LONGEST_LOOP, 2 * known),
                 scale=0.001,
-                starts=tuple(part * time for part in (0.1, 0.3, 0.6)),
+                starts=tuple(part * time for part in (1.2, 0.8, 0.5, 0.25, 0.1)),
             ),
         )
 

@@ -142,6 +142,22 @@ class DriveForces:
         np.minimum(effort, self._highest, out=effort)
         return self._of_joints(effort)
 
+    def ahead(self, effort: FloatArray, ctrl: FloatArray, by: FloatArray) -> FloatArray:
+        """What efforts would be with targets elsewhere, over what they are, (n_sims, n_joints).
+
+        Args:
+            effort: (n_sims, n_joints) as they are [N·m; N].
+            ctrl: (n_sims, n_drives) the controls that ask for them.
+            by: (n_sims, n_joints) how far the targets are moved.
+        """
+        if self.filters is not None:  # nothing that comes through a filter jumps
+            return np.zeros_like(effort)
+        now = effort[:, self.columns]
+        moved = now + (self.asked(self.moved(ctrl, by)) - self.asked(ctrl))
+        np.maximum(moved, np.minimum(self._lowest, now), out=moved)
+        np.minimum(moved, np.maximum(self._highest, now), out=moved)
+        return self._of_joints(moved - now)
+
     def _of_joints(self, values: FloatArray) -> FloatArray:
         if values.shape[-1] == self._n_joints:
             return values

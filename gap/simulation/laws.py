@@ -1,7 +1,7 @@
 """The drivetrain laws of all variants of a robot in all segments, as a replay needs them.
 
     laws = Laws(model, joints, fields, trials, n_segments)
-    ctrl = laws.controlled(ctrl, time)          # what the controllers make of the targets
+    ctrl, ahead = laws.controlled(ctrl, time)   # what the controllers make of the targets
     if laws.stepwise:                           # something is left to be run step by step
         rollout, changed = rollout_with_laws(batch, state, laws=laws, ctrl=..., time=..., ...)
 
@@ -95,9 +95,13 @@ class Laws:
             friction=np.zeros(self.shape),
             dry=zeros,
             held=zeros,
+            target_ahead=zeros,
+            effort_ahead=zeros,
         )
 
-    def controlled(self, ctrl: FloatArray, time: FloatArray) -> FloatArray:
+    def controlled(
+        self, ctrl: FloatArray, time: FloatArray
+    ) -> tuple[FloatArray, FloatArray | None]:
         """The controls that the controllers make of those that arrive.
 
         Args:
@@ -105,18 +109,34 @@ class Laws:
             time: (n_sims,) of the first step, by the robot's clock [s].
 
         Returns:
-            As `ctrl`, of which it may be a copy.
+            As `ctrl`, of which it may be a copy, and (n_sims, n_steps, n_joints) what targets are
+            at the steps' beginnings over that; None where they are the same all through.
         """
         if not self.of_targets:
-            return ctrl
+            return ctrl, None
         bank, step, forces = LawBank(self.of_targets, self.shape, self.dt), self.step(), self.forces
         controls = np.array(ctrl[..., forces.ctrl].swapaxes(0, 1), order="C")
         targets = forces.targets(controls)
+        ahead = np.zeros_like(targets)
         for k in range(len(controls)):
             step.time = time[:, None] + k * self.dt
-            step.target = targets[k]
+            step.target, step.target_ahead = targets[k], ahead[k]
             bank.run("controller", step)
             controls[k] = forces.moved(controls[k], step.target - targets[k])
+            ahead[k] = step.target_ahead
         changed = np.array(ctrl)
         changed[..., forces.ctrl] = controls.swapaxes(0, 1)
-        return changed
+        return changed, ahead.swapaxes(0, 1)
+
+    def shown(self, effort: FloatArray, ctrl: FloatArray, ahead: FloatArray) -> FloatArray:
+        """What drives report at the steps' beginnings over what they make, as `effort`.
+
+        Args:
+            effort: (n_sims, n_steps, n_joints) that they make [N·m; N].
+            ctrl: (n_sims, n_steps, nu) their controls.
+            ahead: of their targets, (n_sims, n_steps, n_joints).
+        """
+        found = np.empty_like(effort)
+        for k in range(effort.shape[1]):
+            found[:, k] = self.forces.ahead(effort[:, k], ctrl[:, k, self.forces.ctrl], ahead[:, k])
+        return found

@@ -266,9 +266,11 @@ class Replay:
         before = group.memory + (group.controlled if lawful else 0)
         ctrl = delayed(group.ctrl, group.past - before, before + steps, shift / step)
         clock = (group.elapsed - lead).reshape(-1)
+        ahead = None
         if laws is not None:
             sent = ctrl.reshape(n * n_segments, before + steps, -1)
-            ctrl = laws.controlled(sent, clock - step * before).reshape(ctrl.shape)
+            sent, ahead = laws.controlled(sent, clock - step * before)
+            ctrl, ahead = sent.reshape(ctrl.shape), None if ahead is None else ahead[:, before:]
         state = start_state(
             model,
             ctrl[:, :, before - group.memory : before],
@@ -309,6 +311,7 @@ class Replay:
                 qfrc_applied=beside,
                 record=record,
                 time=clock,
+                ahead=ahead,
                 past=Past(
                     ctrl=ctrl[:, :, before - warm : before].reshape(len(q), warm, -1),
                     q=q,
@@ -320,10 +323,13 @@ class Replay:
                     else None,
                 ),
             )
-            if changed is not None:
-                changed = changed.reshape(n, n_segments, steps, -1)
         else:
             rollout = batch.rollout(start, ctrl=controls, qfrc_applied=beside, record=record)
+            if laws is not None and ahead is not None and "qfrc_actuator" in record:
+                made = rollout.records["qfrc_actuator"][..., [joint.dof for joint in joints]]
+                changed = laws.shown(made, controls, ahead)
+        if changed is not None:
+            changed = changed.reshape(n, n_segments, steps, -1)
         records = {
             name: values.reshape(n, n_segments, steps, -1)
             for name, values in rollout.records.items()

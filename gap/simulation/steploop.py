@@ -30,6 +30,7 @@ def rollout_with_laws(
     qfrc_applied: FloatArray | None,
     record: Sequence[str],
     time: FloatArray,
+    ahead: FloatArray | None = None,
     past: Past | None = None,
 ) -> tuple[Rollout, FloatArray | None]:
     """As `LockStep.rollout`, with laws before each step.
@@ -42,11 +43,13 @@ def rollout_with_laws(
         qfrc_applied: (n_sims, n_steps, nv) effort applied beside them, or None.
         record: fields to keep after every step.
         time: (n_sims,) of the first step, by the robot's clock [s].
+        ahead: (n_sims, n_steps, n_joints) what targets are at the steps' beginnings over what
+            `ctrl` says; None where they are the same.
         past: what the laws saw before it; None for nothing.
 
     Returns:
         What was recorded, and (n_sims, n_steps, n_joints) what the laws changed of the effort that
-        the drives report, or None where they do not touch it.
+        the drives report at the steps' beginnings, or None where they do not touch it.
     """
     n_sims, n_steps = ctrl.shape[:2]
     bank, forces = laws.bank(), laws.forces
@@ -56,7 +59,9 @@ def rollout_with_laws(
     live_qpos, live_qvel = batch.live("qpos"), batch.live("qvel")
     live_ctrl, live_applied = batch.live("ctrl"), batch.live("qfrc_applied")
     act = None if forces.filters is None else batch.live("act")
-    changed = np.zeros((n_sims, n_steps, len(laws.joints))) if bank.has("drive") else None
+    changed = None
+    if ahead is not None or bank.has("controller") or bank.has("drive"):
+        changed = np.zeros((n_sims, n_steps, len(laws.joints)))
     held = batch.derived("qfrc_constraint") if bank.reads_held else None
     rubbing, rubbed = bank.has("joint"), False
     if rubbing:
@@ -73,7 +78,7 @@ def rollout_with_laws(
             live_ctrl[:, forces.ctrl] = loop.control
         live_applied[...] = 0.0 if qfrc_applied is None else qfrc_applied[:, k]
         if changed is not None:
-            changed[:, k] = loop.changed
+            changed[:, k] = loop.changed + loop.step.effort_ahead
             live_applied[:, dofs] += loop.changed
         if rubbing:
             live_applied[:, dofs] += loop.step.extra
@@ -90,7 +95,7 @@ def rollout_with_laws(
                 loop.warm(k, past.q[:, k], past.qd[:, k])
             if past.integral is not None:
                 bank.remember(IntegralAction, {"effort": past.integral})
-        loop.begin(ctrl, time)
+        loop.begin(ctrl, time, ahead)
         return batch.step_by_step(state, n_steps, before, record=record), changed
 
 
@@ -106,15 +111,16 @@ class _Loop:
     def __init__(self, laws: Laws, bank: LawBank):
         self._forces, self._bank = laws.forces, bank
         self._controlling = bank.has("controller")
-        self._behind = bank.has("drive") or bank.has("joint")
         self.step = laws.step()
         self.control: FloatArray | None = None
         self.changed = self.step.effort
         self._start = self.step.time
-        self._controls = self._targets = self._asked = self.step.effort
+        self._controls = self._targets = self._asked = self._zeros = self.step.effort
+        self._ahead: FloatArray | None = None
 
-    def begin(self, ctrl: FloatArray, time: FloatArray) -> None:
+    def begin(self, ctrl: FloatArray, time: FloatArray, ahead: FloatArray | None = None) -> None:
         """Takes up the controls of the steps that follow, (n_sims, n_steps, nu), from a time on."""
+        self._ahead = ahead
         self._start = time[:, None]
         self._controls = np.ascontiguousarray(ctrl[..., self._forces.ctrl].swapaxes(0, 1))
         self._targets = self._forces.targets(self._controls)
@@ -123,32 +129,32 @@ class _Loop:
     def run(self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None) -> None:
         """Runs the laws for step k, (n_sims, ...) arrays each."""
         made = self._driven(k, q, qd, act)
-        if made is not None:
-            self._bank.run("joint", self.step)
-            self.changed = self.step.effort - made
+        self._bank.run("joint", self.step)
+        self.changed = self.step.effort - made
 
     def warm(self, k: int, q: FloatArray, qd: FloatArray) -> None:
         """Lets the laws of controller and drive see a step of the past."""
         self._driven(k, q, qd, None)
 
-    def _driven(
-        self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None
-    ) -> FloatArray | None:
+    def _driven(self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None) -> FloatArray:
         """Runs controller and drive; returns the effort made without laws of the drive."""
         step, forces = self.step, self._forces
         step.time = self._start + k * step.dt
         step.q, step.qd = q, qd
         step.target, asked = self._targets[k], self._asked[k]
+        step.target_ahead = self._zeros if self._ahead is None else self._ahead[:, k]
         if self._controlling:
             self._bank.run("controller", step)
             self.control = forces.moved(self._controls[k], step.target - self._targets[k])
             asked = forces.asked(self.control, act)
         elif act is not None:
             asked = forces.asked(self._controls[k], act)
-        if not self._behind:
-            return None
         step.extra.fill(0.0)
         step.friction.fill(0.0)
         made = step.effort = forces.effort(asked, q, qd)
+        step.effort_ahead = self._zeros
+        if step.target_ahead is not self._zeros:
+            control = self._controls[k] if self.control is None else self.control
+            step.effort_ahead = forces.ahead(made, control, step.target_ahead)
         self._bank.run("drive", step)
         return made

@@ -7,14 +7,11 @@ import mujoco
 import numpy as np
 
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.segments import whole, windows
-from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.excursion import excursions
-from walkerkit.gap.simulation.replay import Replay
+from walkerkit.gap.simulation.replay import Channel
 from walkerkit.gap.simulation.robot import robot_from_spec
 
 STEP = 0.002
-WINDOW = 0.5
 JOINTS = ("hip", "knee")
 ADDRESSES = ("qposadr", "dofadr")
 LEG = """
@@ -43,20 +40,13 @@ AWKWARD = {
 }
 SIGNALS = ("position", "effort")
 CHANNELS = tuple(Channel(joint=joint, signal=signal) for signal in SIGNALS for joint in JOINTS)
-NOISE = {"position": 1e-4, "effort": 0.01, "base_position": 2e-5, "base_orientation": 2e-5}
+NOISE = {"position": 1e-4, "effort": 0.01}
 
 
 def robot_of(variant):
     robot = robot_from_spec(mujoco.MjSpec.from_string(LEG.format(**variant)), "leg.xml")
     recording = Machine(robot).log()
     return replace(robot, excursions=excursions(robot, [recording], JOINTS)), recording
-
-
-def replay_of(robot, recording):
-    """Its replay: in one go, or in windows where the base floats."""
-    channels = CHANNELS + base_channels([recording])
-    segments = whole(recording) if robot.base is None else windows(recording, WINDOW)
-    return Replay(robot, segments, channels)
 
 
 def commands(time):
@@ -77,6 +67,7 @@ class Now:
         q, qd: at the joints.
         target: position targets; controllers change them.
         effort: what the drives make and report; drives change it.
+        ahead: what they report at a step's beginning over what they make in it.
         extra: effort at the joints besides; gears change it.
         friction: dry friction besides the model's; gears change it.
     """
@@ -86,6 +77,7 @@ class Now:
     qd: np.ndarray
     target: np.ndarray
     effort: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    ahead: np.ndarray = field(default_factory=lambda: np.zeros(2))
     extra: np.ndarray = field(default_factory=lambda: np.zeros(2))
     friction: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
@@ -130,7 +122,7 @@ class Machine:
         joints = [model.joint(name) for name in JOINTS]
         at, dofs = (np.concatenate([getattr(j, name) for j in joints]) for name in ADDRESSES)
         dry = model.dof_frictionloss[dofs]
-        rows, poses = [], []
+        rows = []
         for k in range(-settle, steps):
             now = Now(
                 time=k * STEP,
@@ -143,7 +135,6 @@ class Machine:
             for name, target in zip(JOINTS, now.target, strict=True):
                 drive = self.robot.joints[name].drives[0]
                 data.ctrl[drive.ctrl] = drive.control(float(target))
-            pose = data.qpos.copy()
             mujoco.mj_step1(model, data)
             mujoco.mj_fwdActuation(model, data)
             native = data.qfrc_actuator[dofs]
@@ -156,8 +147,11 @@ class Machine:
             data.qfrc_applied[dofs] = self.applied + now.effort - native + now.extra
             for _ in range(round(STEP / model.opt.timestep)):
                 mujoco.mj_step(model, data)
-            rows.append(np.r_[self.shown(now.q + self.offset), now.effort * self.effort_factor])
-            poses.append(pose)
+            rows.append(
+                np.r_[
+                    self.shown(now.q + self.offset), (now.effort + now.ahead) * self.effort_factor
+                ]
+            )
         rows = np.array(rows)
         position, effort = np.split(rows, 2, axis=1)
         position = position[settle - self.sensor_age : settle - self.sensor_age + steps]
@@ -177,13 +171,4 @@ class Machine:
             columns[f"{joint}/position"] = position[:, k]
             columns[f"{joint}/effort"] = effort[:, k]
             columns[f"{joint}/position_target"] = targets[:, k]
-        if self.robot.base is not None:
-            first = self.robot.base.qpos
-            pose = np.array(poses[settle:])[:, first : first + 7]
-            if seed is not None:
-                for row, noise in zip(pose, rng.normal(size=(len(pose), 6)), strict=True):
-                    row[:3] += NOISE["base_position"] * noise[:3]
-                    mujoco.mju_quatIntegrate(row[3:], NOISE["base_orientation"] * noise[3:], 1.0)
-            names = (*(f"position_{axis}" for axis in "xyz"), *(f"quaternion_{a}" for a in "wxyz"))
-            columns |= {f"base/{name}": pose[:, k] for k, name in enumerate(names)}
         return Recording(name="log", time=time, columns=columns)

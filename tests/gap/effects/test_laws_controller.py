@@ -79,8 +79,10 @@ class TestControllerDeadband(EffectContract):
             # A loop of many turns in each step.
             turns = STEP * (np.arange(100) + 0.5) / 100
             errors = now.target[KNEE] - now.q[KNEE] - now.qd[KNEE] * turns
-            within = np.mean(np.abs(errors) < 0.037)
-            now.target[KNEE] += within * (now.q[KNEE] - now.target[KNEE])
+            left_alone = np.abs(errors) < 0.037
+            error = now.target[KNEE] - now.q[KNEE]
+            now.target[KNEE] -= np.mean(left_alone) * error
+            now.ahead[KNEE] = KP[KNEE] * (np.mean(left_alone) - left_alone[0]) * error
 
         machine.controller = dead
         return {"knee": [0.037]}

@@ -7,6 +7,7 @@ from tests.gap.effects.machine import STEP
 from walkerkit.gap.effects import EVERYWHERE
 
 HIP, KNEE = 0, 1
+KP = np.array([60.0, 30.0])
 
 
 class TestTorqueSpeedLimit(EffectContract):
@@ -64,12 +65,15 @@ class TestLoopDelay(EffectContract):
     seconds = 2.0
 
     def plant(self, machine):
-        made = []
+        made, asked = [], []
 
         def late(now):
             made.append(now.effort.copy())
-            # Two steps and a half ago.
-            now.effort[:] = 0.5 * made[max(-3, -len(made))] + 0.5 * made[max(-4, -len(made))]
+            asked.append(KP * now.target)
+            after, before = max(-3, -len(made)), max(-4, -len(made))
+            # Two steps and a half ago, when the targets were those of three steps ago.
+            now.effort[:] = 0.5 * made[after] + 0.5 * made[before]
+            now.ahead[:] = 0.5 * (asked[before] - asked[after])
 
         machine.drive = late
         return {EVERYWHERE: [2.5 * STEP]}
