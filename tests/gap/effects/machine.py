@@ -7,11 +7,14 @@ import mujoco
 import numpy as np
 
 from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.segments import whole, windows
+from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.excursion import excursions
-from walkerkit.gap.simulation.replay import Channel
+from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import robot_from_spec
 
 STEP = 0.002
+WINDOW = 0.5
 JOINTS = ("hip", "knee")
 ADDRESSES = ("qposadr", "dofadr")
 LEG = """
@@ -40,13 +43,20 @@ AWKWARD = {
 }
 SIGNALS = ("position", "effort")
 CHANNELS = tuple(Channel(joint=joint, signal=signal) for signal in SIGNALS for joint in JOINTS)
-NOISE = {"position": 1e-4, "effort": 0.01}
+NOISE = {"position": 1e-4, "effort": 0.01, "base_position": 2e-5, "base_orientation": 2e-5}
 
 
 def robot_of(variant):
     robot = robot_from_spec(mujoco.MjSpec.from_string(LEG.format(**variant)), "leg.xml")
     recording = Machine(robot).log()
     return replace(robot, excursions=excursions(robot, [recording], JOINTS)), recording
+
+
+def replay_of(robot, recording):
+    """Its replay: in one go, or in windows where the base floats."""
+    channels = CHANNELS + base_channels([recording])
+    segments = whole(recording) if robot.base is None else windows(recording, WINDOW)
+    return Replay(robot, segments, channels)
 
 
 def commands(time):
@@ -122,7 +132,7 @@ class Machine:
         joints = [model.joint(name) for name in JOINTS]
         at, dofs = (np.concatenate([getattr(j, name) for j in joints]) for name in ADDRESSES)
         dry = model.dof_frictionloss[dofs]
-        rows = []
+        rows, poses = [], []
         for k in range(-settle, steps):
             now = Now(
                 time=k * STEP,
@@ -135,6 +145,7 @@ class Machine:
             for name, target in zip(JOINTS, now.target, strict=True):
                 drive = self.robot.joints[name].drives[0]
                 data.ctrl[drive.ctrl] = drive.control(float(target))
+            pose = data.qpos.copy()
             mujoco.mj_step1(model, data)
             mujoco.mj_fwdActuation(model, data)
             native = data.qfrc_actuator[dofs]
@@ -152,6 +163,7 @@ class Machine:
                     self.shown(now.q + self.offset), (now.effort + now.ahead) * self.effort_factor
                 ]
             )
+            poses.append(pose)
         rows = np.array(rows)
         position, effort = np.split(rows, 2, axis=1)
         position = position[settle - self.sensor_age : settle - self.sensor_age + steps]
@@ -171,4 +183,13 @@ class Machine:
             columns[f"{joint}/position"] = position[:, k]
             columns[f"{joint}/effort"] = effort[:, k]
             columns[f"{joint}/position_target"] = targets[:, k]
+        if self.robot.base is not None:
+            first = self.robot.base.qpos
+            pose = np.array(poses[settle:])[:, first : first + 7]
+            if seed is not None:
+                for row, noise in zip(pose, rng.normal(size=(len(pose), 6)), strict=True):
+                    row[:3] += NOISE["base_position"] * noise[:3]
+                    mujoco.mju_quatIntegrate(row[3:], NOISE["base_orientation"] * noise[3:], 1.0)
+            names = (*(f"position_{axis}" for axis in "xyz"), *(f"quaternion_{a}" for a in "wxyz"))
+            columns |= {f"base/{name}": pose[:, k] for k, name in enumerate(names)}
         return Recording(name="log", time=time, columns=columns)
