@@ -46,6 +46,7 @@ from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
+from walkerkit.gap.stopgap.hints import with_hints
 
 FloatArray = NDArray[np.float64]
 
@@ -155,7 +156,9 @@ def diagnose(
     )
     if progress:
         progress("writing up", 0.0)
-    return summarise(problem, rounds, mended, seconds=time.perf_counter() - start)
+    result = with_hints(summarise(problem, rounds, mended, seconds=0.0))
+    seconds = time.perf_counter() - start
+    return replace(result, diagnosis=replace(result.diagnosis, seconds=seconds))
 
 
 def compare(

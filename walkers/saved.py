@@ -22,6 +22,7 @@ import mujoco
 
 from walkerkit.actuators import (
     ActuatorCfg,
+    DelayedActuatorCfg,
     LearnedMlpActuatorCfg,
     XmlMotorActuatorCfg,
     XmlPositionActuatorCfg,
@@ -147,13 +148,18 @@ def _laws(of_joints: Mapping[str, Any]) -> tuple[DrivetrainLaw, ...]:
 
 
 def _learned(of_joints: Mapping[str, Any], folder: Path) -> dict[str, ActuatorCfg]:
-    return {
-        joint: LearnedMlpActuatorCfg(
-            joint_names_expr=(_exactly(joint),),
-            **{**fields, "network_file": folder / fields["network_file"]},
+    found: dict[str, ActuatorCfg] = {}
+    for joint, fields in of_joints.items():
+        own = {name: value for name, value in fields.items() if name != "lag"}
+        own["network_file"] = folder / fields["network_file"]
+        drive = LearnedMlpActuatorCfg(joint_names_expr=(_exactly(joint),), **own)
+        lag = int(fields["lag"])
+        found[joint] = (
+            DelayedActuatorCfg(base_cfg=drive, delay_min_lag=lag, delay_max_lag=lag)
+            if lag
+            else drive
         )
-        for joint, fields in of_joints.items()
-    }
+    return found
 
 
 def _exactly(joint: str) -> str:

@@ -36,6 +36,7 @@ from walkerkit.actuators.drivetrain.friction import (
     StribeckFriction,
 )
 from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
+from walkerkit.actuators.drivetrain.load_side import LoadSideFeedback
 from walkerkit.actuators.drivetrain.loop_delay import LoopDelay
 from walkerkit.actuators.drivetrain.runner import LawRunner
 
@@ -45,6 +46,7 @@ _LAWS: tuple[type[DrivetrainLaw], ...] = (
     SetpointFilter,
     SlewLimit,
     ControllerDeadband,
+    LoadSideFeedback,
     IntegralAction,
     VelocityFilter,
     LoopDelay,
@@ -77,6 +79,7 @@ __all__ = [
     "LawBank",
     "LawRunner",
     "LoadDependentFriction",
+    "LoadSideFeedback",
     "LoopDelay",
     "PoseDependentFriction",
     "PreslidingFriction",

@@ -72,3 +72,8 @@ class LawBank:
     def reads_held(self) -> bool:
         """A law reads what the constraints did in the last step."""
         return any(law.reads_held for law, _ in self._laws)
+
+    @property
+    def reads_play(self) -> bool:
+        """A law reads what gives way between joints and links."""
+        return any(law.reads_play for law, _ in self._laws)

@@ -45,6 +45,8 @@ class Step:
         dry: dry friction that the model has [N·m; N].
         held: what MuJoCo's constraints, dry friction among them, did to the joint in the last step
             [N·m; N]; zero where no law reads it.
+        play, play_speed: position [rad; m] and velocity [rad/s; m/s] of what gives way between
+            joint and link; zero where nothing does, or no law reads it.
         target_ahead, effort_ahead: of the target and of the reported effort, what they are at the
             step's beginning over their mean over it, where they jump within it.
     """
@@ -62,6 +64,8 @@ class Step:
     friction: FloatArray
     dry: FloatArray
     held: FloatArray
+    play: FloatArray = field(default_factory=lambda: np.zeros(1))
+    play_speed: FloatArray = field(default_factory=lambda: np.zeros(1))
     target_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
     effort_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
 
@@ -87,6 +91,8 @@ class DrivetrainLaw(abc.ABC):
     sizes: ClassVar[int] = 1
     reads_held: ClassVar[bool] = False
     """It reads `Step.held`."""
+    reads_play: ClassVar[bool] = False
+    """It reads `Step.play`."""
     targets_only: ClassVar[bool] = False
     """It reads and changes nothing but targets, by the time: what it makes of a whole series of
     them can be known beforehand."""

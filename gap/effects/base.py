@@ -44,6 +44,8 @@ class Parameter:
         scale: a typical size; the fit works in units of it.
         starts: magnitudes at which the effect is tried before fitting. Several, since a small step
             says nothing about limits and dead zones.
+        choice: its values are those at the starts and none between, so that it is not fitted.
+        inverse: name and unit of one over it, where that is what people speak of; else empty.
     """
 
     name: str
@@ -53,6 +55,8 @@ class Parameter:
     upper: float
     scale: float
     starts: tuple[float, ...]
+    choice: bool = False
+    inverse: tuple[str, str] | tuple[()] = ()
 
     def __post_init__(self) -> None:
         inside = all(self.lower <= value <= self.upper for value in (self.zero, *self.starts))

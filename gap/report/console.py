@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from walkerkit.gap.report import wording
-from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
+from walkerkit.gap.report.diagnosis import Diagnosis, Hint, NamedEffect
 from walkerkit.gap.report.quantity import percent, quantity
 
 _TOP = 3  # locations shown
@@ -46,6 +46,8 @@ def render(diagnosis: Diagnosis) -> RenderableType:
         parts.append(_heading("What cannot be told apart, and what would tell"))
     parts += [Text(doubt) for doubt in doubts if doubt]
     parts += [_heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis.gap))]
+    if diagnosis.hints:
+        parts += [_heading("Stopgaps, which explain nothing"), *map(_hint, diagnosis.hints)]
     if diagnosis.notes:
         parts += [_heading("Notes"), _notes(diagnosis)]
     return Group(*parts)
@@ -121,6 +123,12 @@ def _parameters(named: NamedEffect) -> list[tuple[str, str, str, str]]:
         rows.append((wording.site(place), wording.label(of.name), text, unit))
     sites = wording.listed([wording.site(name) for name in named.joints or named.bodies])
     return rows or [(sites, "", "", "")]
+
+
+def _hint(hint: Hint) -> Text:
+    written = f" It goes to {wording.label(hint.file)} beside the model." if hint.file else ""
+    title, statement = wording.label(hint.title), wording.label(hint.statement)
+    return Text(f"{title}: {statement}. With it, {wording.hint_gap(hint)}.{written}")
 
 
 def _sizes(diagnosis: Diagnosis) -> Table:

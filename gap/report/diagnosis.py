@@ -194,18 +194,24 @@ class Hint:
     """A stopgap where no effect of the catalogue fits: it shrinks the gap and explains nothing.
 
     Attributes:
+        kind: `formula` for the effort that is missing, or `learned` for a network as a drive.
+        joint: where.
         title: what it is, e.g. `sparse formula at knee`.
         statement: the formula, or what was learned, in a line.
-        signal: whose held-out gap the sizes are.
+        signal: whose held-out gap the sizes are, or `missing_effort`.
         size: that gap without it and with it.
         use: code to copy, or "".
+        file: name of the file that was written, or None.
     """
 
+    kind: Literal["formula", "learned"]
+    joint: str
     title: str
     statement: str
     signal: str
     size: GapSize
     use: str = ""
+    file: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,7 +257,7 @@ class Diagnosis:
         seconds: wall time.
         searched: whether effects were looked for, or the gap was only measured.
         maps: where the gap of each signal lives, before and after; not in the JSON.
-        hints: stopgaps for what remains; not in the JSON.
+        hints: stopgaps for what remains.
     """
 
     verdict: Verdict
@@ -307,6 +313,7 @@ class Diagnosis:
             ],
             "effects": [_effect(named) for named in self.effects],
             "next_experiment": _next_experiment(self.next_experiment),
+            **({"hints": [_hint(hint) for hint in self.hints]} if self.hints else {}),
             "recordings": list(self.recordings),
             "notes": list(self.notes),
             "seconds": self.seconds,
@@ -356,6 +363,20 @@ def _effect(named: NamedEffect) -> dict[str, Any]:
         "gap_after": named.gap_after,
         "indistinguishable_from": list(named.indistinguishable_from),
         **({"reasons": dict(named.equivalent)} if named.equivalent else {}),
+    }
+
+
+def _hint(hint: Hint) -> dict[str, Any]:
+    return {
+        "kind": hint.kind,
+        "joint": hint.joint,
+        "statement": hint.statement,
+        "signal": hint.signal,
+        "unit": hint.size.unit,
+        "before": hint.size.before,
+        "after": hint.size.after,
+        "held_out": True,
+        "file": hint.file,
     }
 
 

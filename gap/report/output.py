@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
@@ -19,6 +20,8 @@ from walkerkit.gap.report.result import Result
 from walkerkit.gap.simulation.mend import write_model
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar
+from walkerkit.gap.stopgap.hints import stopgap_file
+from walkerkit.gap.stopgap.learned import LearnedDrive
 
 DIAGNOSIS, REPORT, MANIFEST = "diagnosis.json", "report.html", "experiments.toml"
 
@@ -85,6 +88,10 @@ def _write(result: Result, folder: Path) -> None:
     robots |= _next_experiment(result, folder, taken)
     named = result.diagnosis.to_dict()["effects"]
     content = sidecar(robots, named)
+    if result.stopgaps:
+        content["models"][names[0]]["stopgap"] = {
+            drive.joint: _saved(drive, folder) for drive in result.stopgaps
+        }
     _write_text(folder / FILE, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
     if len(names) > 1:
         _write_text(folder / MANIFEST, _manifest(result, names))
@@ -96,6 +103,13 @@ def _write(result: Result, folder: Path) -> None:
         models=names,
     )
     _write_text(folder / DIAGNOSIS, result.diagnosis.to_json())
+
+
+def _saved(drive: LearnedDrive, folder: Path) -> dict[str, Any]:
+    """Writes a learned drive's network; returns what its actuator config needs."""
+    file = stopgap_file(drive.joint)
+    drive.trained.save(folder / file)
+    return {**drive.fields(file), "lag": drive.lag}
 
 
 def _write_text(path: Path, text: str) -> None:

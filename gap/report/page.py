@@ -252,12 +252,10 @@ def _behind(points: float) -> str:
 
 
 def _hint(hint: Hint) -> dict[str, str]:
-    size, signal = hint.size, wording.words(hint.signal)
-    with_it, without = quantity(size.after, size.unit), quantity(size.before, size.unit)
     return {
         "title": wording.label(hint.title),
         "statement": wording.label(hint.statement),
-        "gap": _tight(f"the {signal} error would be {with_it} instead of {without}"),
+        "gap": _tight(wording.hint_gap(hint)),
         "use": hint.use,
     }
 

@@ -33,6 +33,7 @@ from walkerkit.gap.search.naming import Round
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.mended import Mended, mended_by_name, only
 from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.stopgap.learned import LearnedDrive
 
 if TYPE_CHECKING:
     from walkerkit.walkers import MjcfWalker
@@ -56,6 +57,7 @@ class Result:
         problem: the comparison it was found with.
         fit: the named effects with their values.
         following: the next experiment with its targets, where there is one.
+        stopgaps: learned drives, where no effect of the catalogue fits.
     """
 
     diagnosis: Diagnosis
@@ -63,6 +65,7 @@ class Result:
     problem: Problem
     fit: Fit
     following: Plan | None
+    stopgaps: tuple[LearnedDrive, ...] = ()
 
     def __str__(self) -> str:
         from walkerkit.gap.report.console import as_text

@@ -13,6 +13,7 @@ from walkerkit.gap.report.diagnosis import (
     Estimate,
     Gap,
     GapSize,
+    Hint,
     Location,
     NamedEffect,
     NextExperiment,
@@ -271,6 +272,18 @@ def separation(sigmas: float) -> str:
 def sure(confidence: float) -> str:
     """A confidence; resampling cannot say that anything is certain."""
     return percent(min(confidence, _MOST_SURE))
+
+
+def hint_gap(hint: Hint) -> str:
+    """What a stopgap would make of the gap."""
+    what = (
+        "effort that the model lacks"
+        if hint.kind == "formula"
+        else f"{words(hint.signal)} error of {label(hint.joint)}"
+    )
+    size = hint.size
+    with_it, without = (quantity(value, size.unit) for value in (size.after, size.before))
+    return f"the {what} would be {with_it} instead of {without} on held-out recordings"
 
 
 def _found(effects: Sequence[NamedEffect]) -> str:

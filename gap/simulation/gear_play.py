@@ -24,6 +24,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.simulation.base import find_base
 from walkerkit.gap.simulation.robot import Joint, Play, Robot, scalar_joints
 from walkerkit.gap.simulation.start import rest
 from walkerkit.gap.simulation.trials import Trials
@@ -39,6 +40,7 @@ _STIFFEST = 1.0  # √(K/I) h
 _PLACEHOLDER = 0.1  # of a joint's inertia, where the model has no rotor; variants have their own
 _SLIGHT = 0.5  # rad/s²; a load that accelerates the link by less may be an error of measurement
 _SMALLEST = 1e-12
+_SHUT = 1e12  # times what the link weighs, a play does not move
 _WIDTH = 0.001  # rad; stops have one impedance, however far they give way
 
 _COPIED = (
@@ -92,6 +94,7 @@ def with_play(robot: Robot, joints: Sequence[str]) -> Robot:
         robot,
         spec=spec,
         model=model,
+        base=find_base(model, robot.source),
         joints={
             name: replace(joint, drives=robot.joints[name].drives)
             if name in robot.joints
@@ -158,7 +161,12 @@ def set_play(
         raise ValueError(f"joint {joint!r} has no play; make some by `with_play`")
     if (rotor != model.dof_armature[motor.dof]).any():
         trials.field("dof_armature")[:, motor.dof] = rotor
-    inertia = 1 / (1 / rotor + _link_mobility(model, motor, play))
+    # Where nothing parts, the rotor is the joint's, and whatever it is the play stays shut.
+    shut = ~((values["width"] > 0) | (values["compliance"] > 0))
+    mobility = _link_mobility(model, motor, play)
+    if shut.any():
+        trials.field("dof_armature")[shut, play.dof] = _SHUT / mobility
+    inertia = 1 / (1 / np.maximum(rotor, _SMALLEST) + mobility)
     sprung = values["compliance"] > 0
     least = stiffest(model.opt.timestep, inertia)
     stiffness = np.where(sprung, 1 / np.maximum(values["compliance"], least), 0.0)
@@ -191,15 +199,23 @@ def stiffest(step: float, inertia: Number) -> Number:
 
 
 def loads(
-    robot: Robot, played: Sequence[Joint], joints: Sequence[Joint], state: Sequence[FloatArray]
+    robot: Robot,
+    played: Sequence[Joint],
+    joints: Sequence[Joint],
+    state: Sequence[FloatArray],
+    driven: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
     """What passes through the plays of some joints towards their links.
+
+    It is what moves the links as measured; of a robot that floats, whose ground carries it with
+    forces that nobody knows, it is what the motors make.
 
     Args:
         robot: the robot.
         played: joints with play.
         joints: joints that are measured.
         state: their positions, velocities and accelerations, (n_segments, n_joints) each.
+        driven: controls (n_segments, nu) and efforts applied beside them (n_segments, nv).
 
     Returns:
         (n_segments, n_played) efforts [N·m; N].
@@ -209,34 +225,42 @@ def loads(
     at, dofs = [joint.qpos for joint in joints], [joint.dof for joint in joints]
     plays = [joint.play.dof for joint in played if joint.play]
     found = []
-    for qpos, qvel, qacc in zip(*state, strict=True):
+    motors = [joint.dof for joint in played]
+    for qpos, qvel, qacc, ctrl, applied in zip(*state, *driven, strict=True):
         data.qpos[at], data.qvel[dofs], data.qacc[dofs] = qpos, qvel, qacc
-        mujoco.mj_inverse(model, data)
-        found.append(data.qfrc_inverse[plays])
+        if robot.base is None:
+            mujoco.mj_inverse(model, data)
+            found.append(data.qfrc_inverse[plays])
+        else:
+            data.ctrl[:] = ctrl
+            mujoco.mj_forward(model, data)
+            found.append(data.qfrc_actuator[motors] + applied[motors])
     return np.stack(found)
 
 
 def bend(
     state: FloatArray,
-    model: mujoco.MjModel,
+    trials: Trials,
     fields: Mapping[str, NDArray[Any]],
     played: Sequence[Joint],
     loads: FloatArray,
 ) -> None:
-    """Has simulations start with the plays where the loads put them.
+    """Has simulations start with the plays where the loads put them, and encoders as measured.
 
     Args:
         state: (n, n_segments, nstate) rows of mjSTATE_INTEGRATION, written to.
-        model: the model.
+        trials: the variants.
         fields: of which each variant has its own, (n, *shape).
         played: joints with play.
         loads: (n_segments, n_played) what passes through it [N·m; N].
     """
+    model = trials.robot.model
     first = int(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_QPOS.value - 1))
     for k, joint in enumerate(played):
         if joint.play is not None:
             bent = _deflection(model, fields, joint, joint.play, loads[:, k])
             state[..., first + joint.play.qpos] = bent
+            state[..., first + joint.qpos] -= trials.load_side[joint.name][:, None] * bent
 
 
 def _deflection(

@@ -155,6 +155,7 @@ def _measurement(trials: Trials) -> dict[str, Measurement]:
             error_periods=periods,
             error_phase=phase,
             clock_skew=float(trials.clock_skew[name][0]),
+            load_side=float(trials.load_side[name][0]),
         )
     return found
 

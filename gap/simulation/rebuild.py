@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.drivetrain import LoadSideFeedback
 from walkerkit.gap.simulation.gear_play import set_play, with_play
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
-
 
 _TIMESTEP, _INTEGRATOR = "opt.timestep", "opt.integrator"
 
@@ -56,9 +56,15 @@ def rebuilds(trials: Trials) -> list[tuple[Rebuild, NDArray[np.intp]]]:
     option = trials.robot.model.opt
     steps = trials.fields.get(_TIMESTEP, trials.own(_TIMESTEP))
     others = trials.fields.get(_INTEGRATOR, trials.own(_INTEGRATOR)) != option.integrator
+    # Step by step, few simulations cost as much as many: those that part anywhere go together.
+    slow = trials.stepwise | np.any(
+        [some & (trials.load_side[joint] > 0) for joint, some in plays.items()], axis=0
+    )
+    anywhere = tuple(joint for joint, some in plays.items() if some[slow].any())
     for row in range(trials.n):
+        own = tuple(joint for joint, some in plays.items() if some[row])
         rebuild = Rebuild(
-            play=tuple(joint for joint, some in plays.items() if some[row]),
+            play=anywhere if own and slow[row] else own,
             parts=round(option.timestep / float(steps[row])),
             other_integrator=bool(others[row]),
         )
@@ -95,8 +101,11 @@ class Rebuilt:
         armature = trials.fields.get("dof_armature", trials.own("dof_armature"))
         for joint in self._played:
             play = trials.play(joint)
-            rotor = armature[:, trials.robot.joints[joint].dof] + play["armature"]
-            set_play(moved, joint, play, rotor)
+            motor = trials.robot.joints[joint]
+            set_play(moved, joint, play, armature[:, motor.dof] + play["armature"])
+            share = trials.load_side[joint]
+            if motor.drives and motor.drives[0].kind != "effort" and share.any():
+                moved.law(LoadSideFeedback, joint)["share"][:] = share
         return moved
 
     def _carried(self, name: str, values: NDArray[Any]) -> NDArray[Any]:

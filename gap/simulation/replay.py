@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measure
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds
-from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.start import memory, rest, start_state
 from walkerkit.gap.simulation.steploop import rollout_with_laws
 from walkerkit.gap.simulation.trials import Trials
@@ -92,7 +93,8 @@ class _Group:
         self.played = [j for j in joints if j.play is not None and j.play.name not in self.joints]
         self.loads: FloatArray | None = None
         if self.played:
-            self.loads = loads(robot, self.played, joints, self._measured_states())
+            driven = self.ctrl[:, self.past], self.applied[:, self.past]
+            self.loads = loads(robot, self.played, joints, self._measured_states(), driven)
 
     def _measured_states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions, velocities, accelerations at the starts, (n_segments, n_joints) each."""
@@ -280,7 +282,7 @@ class Replay:
         )
 
         if group.loads is not None:
-            bend(state, model, fields, group.played, group.loads)
+            bend(state, trials, fields, group.played, group.loads)
         record = sorted({"qpos", *(_RECORDS[c.signal] for c in self.channels if not c.of_base)})
         each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
         threads = self.n_threads
@@ -360,11 +362,15 @@ class Replay:
                     series = series + changed[..., k]
                 series = scale * series + offset
             else:
-                place = np.concatenate([qpos[..., [k]], records["qpos"][..., joint.qpos]], axis=2)
+                place = np.concatenate(
+                    [qpos[..., [k]], _at_encoder(trials, joint, records["qpos"], "qpos")], axis=2
+                )
                 if channel.signal == "position":
                     series = readings[k].position(place)
                 else:
-                    speed = np.concatenate([qvel[..., [k]], series[..., joint.dof]], axis=2)
+                    speed = np.concatenate(
+                        [qvel[..., [k]], _at_encoder(trials, joint, series, "dof")], axis=2
+                    )
                     series = readings[k].velocity(place, speed)
                 age = lead - behind[..., k]
             for s, span in enumerate(group.rows):
@@ -413,6 +419,17 @@ def _reading(trials: Trials, joint: str) -> Reading:
     return Reading(
         trials.encoder_gain[joint][:, None, None], trials.position_error[joint][:, None, None]
     )
+
+
+def _at_encoder(
+    trials: Trials, joint: Joint, series: FloatArray, address: Literal["qpos", "dof"]
+) -> FloatArray:
+    """What a joint's encoder sees, (n, n_segments, steps), of the model's positions or speeds."""
+    motor: FloatArray = series[..., getattr(joint, address)]
+    share = trials.load_side[joint.name][:, None, None]
+    if joint.play is None or not share.any():
+        return motor
+    return motor + share * series[..., getattr(joint.play, address)]
 
 
 def _similar_lengths(segments: Sequence[Segment]) -> list[list[int]]:

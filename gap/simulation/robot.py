@@ -83,6 +83,8 @@ class Measurement:
         error_amplitude, error_periods, error_phase: A sin(N q + φ) is added to the logged position
             at q [rad, or m; per radian or metre; rad].
         clock_skew: ε, what happens t after the log's first sample is stamped t (1 + ε) [1].
+        load_side: how much of the play between motor and link lies before the encoder: 0 for one
+            on the motor, 1 for one on the link [1].
     """
 
     position_delay: float = 0.0
@@ -93,6 +95,7 @@ class Measurement:
     error_periods: float = 1.0
     error_phase: float = 0.0
     clock_skew: float = 0.0
+    load_side: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

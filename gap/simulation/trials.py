@@ -43,6 +43,8 @@ class Trials:
             added to the logged position [rad; 1/rad; rad].
         clock_skew: joint to (n,) ε: what happens t after the log's first sample is stamped
             t (1 + ε) [1].
+        load_side: joint to (n,) how much of its play lies before the encoder that is logged and
+            fed back [1].
         fields: model field to its (n, *shape) values, of the fields that were asked for.
         laws: drivetrain law, joint and parameter to its (n,) values, of the laws asked for.
         plays: joint and number to its (n,) values, of the joints whose play was asked for.
@@ -62,6 +64,7 @@ class Trials:
             for j, k in known.items()
         }
         self.clock_skew = {j: np.full(n, known[j].clock_skew) for j in known}
+        self.load_side = {j: np.full(n, known[j].load_side) for j in known}
         self.fields: dict[str, NDArray[Any]] = {}
         self.laws: dict[tuple[type[DrivetrainLaw], str, str], FloatArray] = {
             (LAWS[law], joint, name): np.full(n, value)
@@ -165,6 +168,7 @@ class Trials:
             self.encoder_gain,
             self.position_error,
             self.clock_skew,
+            self.load_side,
             self.fields,
             self.laws,
             self.plays,

@@ -36,6 +36,7 @@ class EffectContract:
         name: the effect.
         seconds: of the log that it takes to show and to be found.
         may_be_out_of_reach: whether some of its starts may lie where the motion never gets.
+        noises_left: the largest gap that the fit may leave, in noises.
         rounding: how far the digits of the mended files may move positions and efforts.
         chosen: whether its values are chosen among its starts and not fitted.
         idle: parameters that mean nothing where there is nothing of the effect, such as a limit.
@@ -118,9 +119,10 @@ class EffectContract:
                     values = np.tile(structure.zero, (2, 1))
                     values[1, columns] = start
                 else:
-                    values = np.tile(structure.zero, (len(columns) + 1, 1))
+                    fitted = [c for c in columns if not structure.slots[c].parameter.choice]
+                    values = np.tile(structure.zero, (len(fitted) + 1, 1))
                     values[:, columns] = start
-                    for row, column in enumerate(columns, start=1):
+                    for row, column in enumerate(fitted, start=1):
                         move = 0.02 * structure.scale[column]
                         inside = values[row, column] + move <= structure.bounds[1][column]
                         values[row, column] += move if inside else -move
@@ -158,7 +160,9 @@ class EffectContract:
         for value, wanted, sigma, slot in zip(
             found.values, expected, std, found.structure.slots, strict=True
         ):
-            if slot.place in truth:
+            if slot.place in truth and slot.parameter.choice:
+                size = 0.0
+            elif slot.place in truth:
                 size = max(0.05 * abs(wanted), 3 * sigma)
                 assert 3 * sigma < 0.5 * abs(wanted)
             elif slot.parameter.name in self.idle:
@@ -193,7 +197,9 @@ class EffectContract:
 
     @staticmethod
     def odd(parameter):
-        """A value with many digits that does something, unlike all starts."""
+        """A value with many digits that does something, unlike all starts; or the usual choice."""
+        if parameter.choice:
+            return parameter.starts[0]
         return parameter.starts[-1] * 0.8127364523 + parameter.starts[0] * 0.1234567
 
     def close(self, got, expected):

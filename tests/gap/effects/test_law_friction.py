@@ -27,6 +27,7 @@ def stiffened(machine, name):
 
 class TestQuadraticDrag(EffectContract):
     name = "quadratic_drag"
+    seconds = 2.0
 
     def plant(self, machine):
         def gear(now):
@@ -38,6 +39,7 @@ class TestQuadraticDrag(EffectContract):
 
 class TestAsymmetricFriction(EffectContract):
     name = "asymmetric_friction"
+    seconds = 2.0
 
     def plant(self, machine):
         knee = stiffened(machine, "knee")
@@ -53,6 +55,7 @@ class TestAsymmetricFriction(EffectContract):
 
 class TestStribeckFriction(EffectContract):
     name = "stribeck_friction"
+    seconds = 2.0
     idle = ("velocity", "exponent")
 
     def plant(self, machine):
@@ -67,6 +70,7 @@ class TestStribeckFriction(EffectContract):
 
 class TestLoadDependentFriction(EffectContract):
     name = "load_dependent_friction"
+    seconds = 2.0
 
     def plant(self, machine):
         hip = stiffened(machine, "hip")
@@ -80,6 +84,7 @@ class TestLoadDependentFriction(EffectContract):
 
 class TestDirectionalEfficiency(EffectContract):
     name = "directional_efficiency"
+    seconds = 2.0
 
     def plant(self, machine):
         hip = stiffened(machine, "hip")
@@ -95,6 +100,7 @@ class TestDirectionalEfficiency(EffectContract):
 
 class TestPreslidingFriction(EffectContract):
     name = "presliding_friction"
+    seconds = 2.0
     idle = ("bend",)
 
     def plant(self, machine):

@@ -8,6 +8,7 @@ from tests.gap.effects.test_law_friction import stiffened
 
 class TestPoseDependentFriction(EffectContract):
     name = "pose_dependent_friction"
+    seconds = 2.0
     idle = ("periods", "phase")
 
     def plant(self, machine):
@@ -22,6 +23,7 @@ class TestPoseDependentFriction(EffectContract):
 
 class TestCogging(EffectContract):
     name = "cogging"
+    seconds = 2.0
     idle = ("periods", "phase")
 
     def plant(self, machine):
@@ -34,6 +36,7 @@ class TestCogging(EffectContract):
 
 class TestTorqueRipple(EffectContract):
     name = "torque_ripple"
+    seconds = 2.0
     idle = ("periods", "phase")
 
     def plant(self, machine):

@@ -11,6 +11,7 @@ from tests.gap.effects.contract import EffectContract
 from tests.gap.effects.machine import LEG, PLAIN
 
 ROTOR = 0.004  # kg·m²
+MOTOR = 0  # where the encoder is
 COUPLED = (
     LEG.format(**PLAIN)
     .replace(
@@ -36,18 +37,18 @@ def coupled(gear):
 
 class TestBacklash(EffectContract):
     name = "backlash"
-    idle = ("armature",)
+    idle = ("load_side", "armature")
 
     def plant(self, machine):
         machine.model = coupled(
             'limited="true" range="-0.017 0.017" solreflimit="0.004 1" solimplimit="0.95 0.95"'
         )
-        return {"knee": [0.034, ROTOR]}
+        return {"knee": [0.034, MOTOR, ROTOR]}
 
 
 class TestSeriesElasticity(EffectContract):
     name = "series_elasticity"
-    idle = ("damping_ratio", "armature")
+    idle = ("damping_ratio", "load_side", "armature")
 
     def plant(self, machine):
         free = coupled("")
@@ -55,4 +56,4 @@ class TestSeriesElasticity(EffectContract):
         stiffness, ratio = 35.0, 0.07
         damping = 2 * ratio * np.sqrt(stiffness * inertia)
         machine.model = coupled(f'stiffness="{stiffness}" damping="{damping}" springlength="0"')
-        return {"knee": [1 / stiffness, ratio, ROTOR]}
+        return {"knee": [1 / stiffness, ratio, MOTOR, ROTOR]}

@@ -187,6 +187,8 @@ def test_models_are_used_where_they_are(leg: LegDiagnosis, tmp_path: Path) -> No
 def test_stopgaps_are_told_from_explanations(leg: LegDiagnosis, tmp_path: Path) -> None:
     assert "Stopgaps" not in read(leg(), tmp_path).text
     hint = Hint(
+        kind="learned",
+        joint="<calf>",
         title="a formula at <calf>",
         statement="τ = −0.3 q̇ |q̇|",
         signal="position",
@@ -194,7 +196,9 @@ def test_stopgaps_are_told_from_explanations(leg: LegDiagnosis, tmp_path: Path) 
         use="print(1)",
     )
     text = read(replace(leg(), hints=(hint,)), tmp_path).text
-    assert "a formula at <calf> τ = −0.3 q̇ |q̇| With it, the position error would be 2.0" in text
+    assert (
+        "a formula at <calf> τ = −0.3 q̇ |q̇| With it, the position error of <calf> would be" in text
+    )
     assert "explains nothing" in text
 
 

@@ -165,3 +165,20 @@ def test_a_drive_with_a_filter_of_its_own_makes_what_mujoco_says():
     (swung,) = predict(free, whole(log), Trials(free, 1))
     # MuJoCo goes on taking the drive's damping for implicit, which is a little more inertia.
     np.testing.assert_allclose(limp[:, :2], swung[:, :2], atol=0.05 * np.ptp(swung[:, 0]))
+
+
+@pytest.mark.parametrize("beside", [False, True], ids=["natively", "in lock step"])
+def test_drives_report_jumps_when_they_come(beside):
+    # Of targets that jump between steps, steps in the middle of a jump make the mean; the log shows
+    # what was made when it was read, as a simulation in short steps does.
+    shown = []
+    for robot in (arm(), arm().refined(20)):
+        trials = variant(robot, SampleAndHold, period=0.0153)
+        if beside:
+            variant_of = trials.law(StrengthDrift, "hip")
+            variant_of["rate"][:] = 1e-12
+        shown.append(predict(robot, whole(swinging(1.0)), trials)[0, :, 2:])
+    coarse, fine = shown
+    jumps = np.abs(np.diff(fine, axis=0)).max(axis=0)
+    off = np.abs(coarse - fine)
+    assert (off.max(axis=0) < 0.2 * jumps).all()
