@@ -75,7 +75,6 @@ def with_sidecar(robot: Robot, model_path: Path) -> Robot:
 
 
 def _entry(robot: Robot) -> dict[str, Any]:
-    ideal = asdict(Measurement())
     return {
         "hold": robot.hold,
         "command": {
@@ -85,7 +84,7 @@ def _entry(robot: Robot) -> dict[str, Any]:
             if joint.drives
         },
         "measurement": {
-            name: {key: number for key, number in asdict(measured).items() if number != ideal[key]}
+            name: asdict(measured)
             for name, measured in robot.measurement.items()
             if measured != Measurement()
         },

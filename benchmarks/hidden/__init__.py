@@ -1,1 +1,0 @@
-"""What `benchmarks.hidden_effects` is made of: rigs, cases, one case's run, scores, the table."""
