@@ -4,6 +4,7 @@
 
 Targets are in units of the joint. Gears and affine scaling, as of dm_control's scaled actuators,
 are read from the compiled model and undone; a control that the XML limits stays limited.
+Where its gains were mended they say no longer what a control means; `slope` and `offset` do then.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from walkerkit.actuators.affine import AffineActuator, Kind
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.drive import Drive, read_drive
 from walkerkit.actuators.errors import listed
-from walkerkit.actuators.fields import choice
+from walkerkit.actuators.fields import choice, number
+from walkerkit.actuators.selection import Numbers
 from walkerkit.actuators.targeted import actuators_of
 
 FloatArray = NDArray[np.float64]
@@ -28,12 +30,24 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class XmlActuatorCfg(TargetedActuatorCfg):
-    """A config that takes over the one actuator that each of its joints has."""
+    """A config that takes over the one actuator that each of its joints has.
+
+    Attributes:
+        slope: control per unit of target; None to read it, and `offset`, from the XML.
+        offset: control at a target of zero.
+    """
 
     kind: ClassVar[Kind]
+    slope: Numbers | None = number(default=None)
+    offset: Numbers | None = number(default=None)
 
     def check(self) -> None:
         """As in `ActuatorCfg`."""
+        if (self.slope is None) != (self.offset is None):
+            raise ValueError(
+                f"slope={self.slope!r} and offset={self.offset!r}: a control is slope · target + "
+                "offset, so give both, or leave both out to have them read from the XML"
+            )
         if self.transmission == "site":
             raise ValueError(
                 "transmission='site': sites are driven in six directions, so there is no target "
@@ -99,6 +113,8 @@ class XmlActuator(AffineActuator):
         return found[0]
 
     def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
+        if "slope" in self._numbers:
+            return self._numbers["slope"], self._numbers["offset"]
         drives = [
             self._drive(model, name, int(actuator), float(bias))
             for name, actuator, bias in zip(

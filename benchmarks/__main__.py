@@ -14,7 +14,11 @@ from rich.table import Table
 def main() -> None:
     """Runs the benchmarks that the command line names, or all."""
     folder = Path(__file__).parent
-    names = sorted(m.name for m in pkgutil.iter_modules([str(folder)]) if m.name != "__main__")
+    names = sorted(
+        module.name
+        for module in pkgutil.iter_modules([str(folder)])
+        if module.name != "__main__" and not module.ispkg
+    )
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(names)}")
     parser.add_argument("--quick", action="store_true", help="a small part of each")

@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks import Row
 from walkerkit.gap.rehearsal import demo
-from walkerkit.gap.rehearsal.hidden import HIDEABLE, HiddenEffect
+from walkerkit.gap.rehearsal.hidden import HiddenEffect
+from walkerkit.gap.rehearsal.hideable import HIDEABLE
 from walkerkit.gap.report.diagnosis import NamedEffect
 from walkerkit.gap.report.result import Result
 

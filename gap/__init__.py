@@ -5,9 +5,12 @@
     d = gap.diagnose("leg.xml", ["a.csv", "b.csv", "c.csv"])
     print(d)                 # verdict, where, what, how sure, the gap before and after
     d.save("out")            # diagnosis.json, report.html, model.xml, actuators.json
+    d.model, d.actuators     # the mended model, and what MJCF cannot say
+    d.walker()               # both as a composer walker
 
 `gap.compare` measures the gap and says where it is; `gap.Recording` is a log;
-`gap.record` runs a simulated robot and returns the log that a real one would leave.
+`gap.record` runs a simulated robot and returns the log that a real one would leave. The steps one
+by one: `gap.load`, `gap.replay`, `gap.locate`, and `gap.fit` for a structure that is known.
 """
 
 import importlib
@@ -16,23 +19,45 @@ from typing import TYPE_CHECKING, Any
 from walkerkit.gap.errors import InputError
 
 if TYPE_CHECKING:
+    from walkerkit.gap.fitted import Fitted
     from walkerkit.gap.recorder import record
     from walkerkit.gap.recordings.recording import Recording
     from walkerkit.gap.report.diagnosis import Diagnosis
     from walkerkit.gap.report.result import Result
+    from walkerkit.gap.steps import Comparison, fit, load, locate, replay
     from walkerkit.gap.workflow import compare, diagnose
 
 # Loaded on first use: MuJoCo and pandas take longer than a command line should to say --help.
 _HOMES = {
+    "Comparison": "steps",
     "Diagnosis": "report.diagnosis",
+    "Fitted": "fitted",
     "Recording": "recordings.recording",
     "Result": "report.result",
     "compare": "workflow",
     "diagnose": "workflow",
+    "fit": "steps",
+    "load": "steps",
+    "locate": "steps",
     "record": "recorder",
+    "replay": "steps",
 }
 
-__all__ = ["Diagnosis", "InputError", "Recording", "Result", "compare", "diagnose", "record"]
+__all__ = [
+    "Comparison",
+    "Diagnosis",
+    "Fitted",
+    "InputError",
+    "Recording",
+    "Result",
+    "compare",
+    "diagnose",
+    "fit",
+    "load",
+    "locate",
+    "record",
+    "replay",
+]
 
 
 def __getattr__(name: str) -> Any:

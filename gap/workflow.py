@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings import base
 from walkerkit.gap.recordings.checks import (
     check_recordings,
     check_window,
@@ -41,9 +42,11 @@ from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem, build
 from walkerkit.gap.search.structure import Structure, candidate_terms
 from walkerkit.gap.simulation.commands import Hold, driven_by_effort
+from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
+from walkerkit.gap.stopgap.hints import with_hints
 
 FloatArray = NDArray[np.float64]
 
@@ -123,7 +126,8 @@ def diagnose(
         model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
         recordings: files or recordings of that model; none with a manifest.
         held_out: which of them no fit may see.
-        window: seconds after which replays restart where joints are driven by effort.
+        window: seconds after which replays restart where joints are driven by effort or the
+            base floats.
         effects: names of the effects to consider; all by default.
         n_threads: threads of the simulation, 0 for all cores. Results do not depend on it.
         progress: called with what is being done and how far it is.
@@ -152,7 +156,9 @@ def diagnose(
     )
     if progress:
         progress("writing up", 0.0)
-    return summarise(problem, rounds, mended, seconds=time.perf_counter() - start)
+    result = with_hints(summarise(problem, rounds, mended, seconds=0.0))
+    seconds = time.perf_counter() - start
+    return replace(result, diagnosis=replace(result.diagnosis, seconds=seconds))
 
 
 def compare(
@@ -192,7 +198,8 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
 
     Args:
         experiments: models and recordings.
-        window: seconds after which replays restart where joints are driven by effort.
+        window: seconds after which replays restart where joints are driven by effort or the
+            base floats.
         n_threads: threads of the simulation, 0 for all cores.
 
     Raises:
@@ -200,19 +207,22 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
     """
     if not window > 0:
         raise InputError(f"window is {window} s; give a positive number of seconds.")
-    robots = []
+    robots, suiting = [], []
     for experiment in experiments:
-        robot = load_robot(experiment.model)
+        floating = any(not base.missing(recording) for recording in experiment.recordings)
+        robot = load_robot(experiment.model, floating=floating)
         if robot.path is not None:
             robot = with_sidecar(robot, robot.path)
         for recording in experiment.recordings:
             robot.check_joints(recording.joints, source(recording))
         robots.append(robot)
-    experiments = without_placeholders(experiments)
+        fitting = tuple(suited(robot, recording) for recording in experiment.recordings)
+        suiting.append(replace(experiment, recordings=fitting))
+    experiments = without_placeholders(suiting)
     recordings = [r for experiment in experiments for r in experiment.recordings]
     check_recordings(recordings)
     windowed = any(
-        driven_by_effort(robot, recording)
+        robot.base is not None or driven_by_effort(robot, recording)
         for robot, experiment in zip(robots, experiments, strict=True)
         for recording in experiment.recordings
     )

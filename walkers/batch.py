@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+_WORTH_THREADS = 6  # simulations
 # Model fields that mj_setConst reads: constants derived from them must follow a change.
 _SET_CONST_INPUTS = frozenset(mujoco.MjModel._setconst_inputs)
 _DIVERGED = [
@@ -37,6 +38,7 @@ _DIVERGED = [
         mujoco.mjtWarning.mjWARN_BADCTRL,
     )
 ]
+_CHECKED_EVERY = 16  # steps that one which has diverged may go on for
 # MuJoCo prints every instability and writes MUJOCO_LOG.TXT; a candidate that diverges is an
 # ordinary event here. The handler is called from threads without the interpreter lock, so it has
 # to be a C function: strlen reads the message and does nothing else.
@@ -86,11 +88,13 @@ class LockStep:
     ):
         self.model = model
         self.n_sims = n_sims
-        self._batch = Batch(model, n_sims, n_threads)
+        # Waking a second thread takes longer than a step of a few simulations.
+        self._batch = Batch(model, n_sims, 1 if n_sims < _WORTH_THREADS else n_threads)
         for name, values in (fields or {}).items():
             self._batch.expand(name)[...] = values
         if any(name in _SET_CONST_INPUTS for name in fields or {}):
-            self._batch.set_const()
+            with _without_warnings():
+                self._batch.set_const()
 
     def parameter(self, name: str) -> FloatArray:
         """A model field of which each simulation has its own, (n_sims, *shape), live and writable.
@@ -99,6 +103,32 @@ class LockStep:
             name: the field; none that other constants are derived from.
         """
         return self._batch.expand(name)  # type: ignore[no-any-return]
+
+    def derived(self, name: str) -> FloatArray:
+        """A field that MuJoCo derives from the state, (n_sims, *shape), as of the last step.
+
+        Args:
+            name: for instance `qfrc_constraint`.
+        """
+        return self._batch.bind(name)  # type: ignore[no-any-return]
+
+    def forward(self, state: FloatArray, *, ctrl: FloatArray, name: str) -> FloatArray:
+        """A field that MuJoCo derives from a state, without advancing it.
+
+        Args:
+            state: (n_sims, nstate) rows of `mjSTATE_INTEGRATION`.
+            ctrl: (n_sims, nu) controls.
+            name: for instance `qfrc_constraint`.
+
+        Returns:
+            (n_sims, *shape) its values.
+        """
+        field = self._batch.bind(name)
+        self._batch.state[...] = state
+        self._batch.bind("ctrl")[...] = ctrl
+        with _without_warnings():
+            self._batch.forward()
+        return np.array(field)
 
     def rollout(
         self,
@@ -143,11 +173,19 @@ class LockStep:
             values[failed] = np.nan
         return Rollout(records=out, failed=failed)
 
+    def live(self, name: str) -> FloatArray:
+        """A field of the simulations' states, (n_sims, *shape), live and writable.
+
+        Args:
+            name: the MjData field, e.g. `qpos`, `ctrl` or `qfrc_applied`.
+        """
+        return self._batch.bind(name)  # type: ignore[no-any-return]
+
     def step_by_step(
         self,
         state: FloatArray,
         n_steps: int,
-        before: Callable[[int, FloatArray, FloatArray, FloatArray], FloatArray],
+        before: Callable[[int], None],
         *,
         record: Sequence[str] = ("qpos",),
     ) -> Rollout:
@@ -156,9 +194,8 @@ class LockStep:
         Args:
             state: (n_sims, nstate) rows of `mjSTATE_INTEGRATION`.
             n_steps: how many steps.
-            before: called with the number of the step, qpos (n_sims, nq), qvel (n_sims, nv) and
-                ctrl (n_sims, nu), which it writes to; returns (n_sims, nv) applied joint effort
-                [N·m or N].
+            before: called with the number of the step; reads and writes what is `live`, such as
+                `ctrl` and `qfrc_applied`.
             record: MjData fields to keep after every step.
 
         Returns:
@@ -166,29 +203,29 @@ class LockStep:
         """
         batch = self._batch
         batch.state[...] = state
-        qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
-        ctrl, applied = batch.bind("ctrl"), batch.bind("qfrc_applied")
-        live = {name: batch.bind(name) for name in record}
-        out = {name: np.empty((self.n_sims, n_steps, *live[name].shape[1:])) for name in record}
+        kept = [(batch.bind(name), name) for name in record]
+        out = {name: np.empty((self.n_sims, n_steps, *now.shape[1:])) for now, name in kept}
         batch.warning[...] = 0
         failed = np.zeros(self.n_sims, dtype=bool)
         going: NDArray[np.intp] | None = None
         with _without_warnings():
             for k in range(n_steps):
-                applied[...] = before(k, qpos, qvel, ctrl)
+                before(k)
                 try:
                     batch.step(going)
                 except SimulationError as error:
                     failed[error.ids] = True
-                for name, values in live.items():
-                    out[name][:, k] = values
-                diverged = failed | (batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
-                if (diverged != failed).any() or (failed.any() and going is None):
+                for now, name in kept:
+                    out[name][:, k] = now
+                if k % _CHECKED_EVERY and not failed.any():
+                    continue
+                failed |= (batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
+                if failed.any():
                     # Nothing that has diverged is worth another step.
-                    failed = diverged
                     going = np.flatnonzero(~failed)
                     if not going.size:
                         break
+        failed |= (batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
         for values in out.values():
             values[failed] = np.nan
         return Rollout(records=out, failed=failed)

@@ -30,6 +30,7 @@ from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.actuated import Actuated
 from walkerkit.walkers.drivetrain import Existing, Randomization
 from walkerkit.walkers.reading import RobotFile, read_robot
+from walkerkit.walkers.saved import saved_actuators
 
 FloatArray = NDArray[np.float64]
 
@@ -144,7 +145,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
     def from_file(
         cls,
         path: str | Path,
-        actuators: ActuatorCfg | Iterable[ActuatorCfg],
+        actuators: ActuatorCfg | Iterable[ActuatorCfg] | None = None,
         *,
         name: str | None = None,
         action: ActionTerm | Sequence[ActionTerm] | None = None,
@@ -162,7 +163,9 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
 
         Args:
             path: an MJCF or URDF file.
-            actuators: configs of its actuators; `Xml…` configs take over what the file has.
+            actuators: configs of its actuators; `Xml…` configs take over what the file has. By
+                default those that the file has, with all that the gap workflow's `actuators.json`
+                beside it says of them, drivetrain laws included (`walkers.saved`).
             name: the walker's name, its prefix in an arena; by default the model's.
             action: action terms (`walkers.actions`); by default an action in [-1, 1] spans what
                 each joint can do.
@@ -178,7 +181,8 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             end_effectors: full-match expressions of the bodies that touch the ground; by default
                 those without children.
             floating: whether it gets a free joint in an arena; by default as in the file.
-            laws: drivetrain laws of its joints (`walkerkit.actuators.drivetrain`).
+            laws: drivetrain laws of its joints (`walkerkit.actuators.drivetrain`), beside those
+                that are saved with it.
             randomizations: what changes its actuators at the start of each episode.
             initializer: dm_control's, for another pose at the start than the one of `home`.
 
@@ -186,8 +190,12 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             FileNotFoundError: there is no such file.
             ValueError: it cannot be read, or an expression or name matches nothing in it.
         """
+        robot = read_robot(path, root_body=root_body, floating=floating)
+        if actuators is None:
+            saved = saved_actuators(path)
+            actuators, laws = saved.actuators, (*saved.laws, *laws)
         return cls(
-            read_robot(path, root_body=root_body, floating=floating),
+            robot,
             actuators=actuators,
             name=name,
             action=action,

@@ -107,7 +107,7 @@ def read_robot(
     bodies = {body.id: body for body in spec.bodies}
     for body in (chosen, top):
         bodies[body].name = bodies[body].name or "root_body"
-    name = _escaped(bodies[chosen].name)
+    name = escaped(bodies[chosen].name)
     free_joints = [joint for joint in spec.joints if joint.id == free]
     left_out = leave_out(spec, [bodies[body] for body in sorted(scene)], world=alone)
     if alone:
@@ -214,7 +214,7 @@ def _places(model: mujoco.MjModel, joints: list[int]) -> dict[str, int]:
     for joint in joints:
         name, width = model.joint(joint).name, len(_columns(model, joint))
         if name and model.jnt_type[joint] not in _WIDTH:
-            places[_escaped(name)] = place
+            places[escaped(name)] = place
         place += width
     return places
 
@@ -240,6 +240,6 @@ def _put_at_origin(body: Any) -> None:
     body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
-def _escaped(name: str) -> str:
+def escaped(name: str) -> str:
     """A name as PyMJCF has it."""
     return name.replace("\\", "\\\\").replace("/", "\\")

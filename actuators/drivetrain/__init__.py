@@ -36,6 +36,8 @@ from walkerkit.actuators.drivetrain.friction import (
     StribeckFriction,
 )
 from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
+from walkerkit.actuators.drivetrain.load_side import LoadSideFeedback
+from walkerkit.actuators.drivetrain.loop_delay import LoopDelay
 from walkerkit.actuators.drivetrain.runner import LawRunner
 
 # In the order in which those of one stage act.
@@ -44,8 +46,10 @@ _LAWS: tuple[type[DrivetrainLaw], ...] = (
     SetpointFilter,
     SlewLimit,
     ControllerDeadband,
+    LoadSideFeedback,
     IntegralAction,
     VelocityFilter,
+    LoopDelay,
     SupplySag,
     TorqueSpeedLimit,
     ActuatorLag,
@@ -75,6 +79,8 @@ __all__ = [
     "LawBank",
     "LawRunner",
     "LoadDependentFriction",
+    "LoadSideFeedback",
+    "LoopDelay",
     "PoseDependentFriction",
     "PreslidingFriction",
     "QuadraticDrag",

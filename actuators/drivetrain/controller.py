@@ -9,13 +9,15 @@ from typing import ClassVar
 import numpy as np
 
 from walkerkit.actuators.drivetrain.law import (
+    SOON,
     DrivetrainLaw,
+    Lag,
     Parameters,
     Stage,
     State,
     Step,
+    clipped,
     first,
-    lagged,
 )
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
@@ -23,10 +25,11 @@ from walkerkit.actuators.selection import Numbers
 _SAME_INSTANT = (
     1e-9  # s; a sample that is due at a step's own instant is taken, whatever the rounding
 )
+_STANDSTILL = 1e-12  # rad; less than that is no way to go
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetpointFilter(DrivetrainLaw):
+class SetpointFilter(Lag):
     """Targets that pass a first-order filter.
 
     Attributes:
@@ -37,13 +40,14 @@ class SetpointFilter(DrivetrainLaw):
     stage: ClassVar[Stage] = "controller"
     state: ClassVar[tuple[str, ...]] = ("target",)
     neutral: ClassVar[Mapping[str, float]] = {"time_constant": 0.0}
+    targets_only: ClassVar[bool] = True
     time_constant: Numbers = number(at_least=0)
 
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.target, state["target"] = lagged(
-            state["target"], step.target, step.dt, p["time_constant"]
+        step.target, step.target_ahead, state["target"] = SetpointFilter.lagged(
+            state["target"], step.target, step.target_ahead, p
         )
 
 
@@ -59,6 +63,7 @@ class SlewLimit(DrivetrainLaw):
     stage: ClassVar[Stage] = "controller"
     state: ClassVar[tuple[str, ...]] = ("target",)
     neutral: ClassVar[Mapping[str, float]] = {"rate": 1e9}
+    targets_only: ClassVar[bool] = True
     rate: Numbers = number(above=0)
 
     @staticmethod
@@ -66,13 +71,17 @@ class SlewLimit(DrivetrainLaw):
         """As in `DrivetrainLaw`."""
         before = first(state["target"], step.target)
         most = p["rate"] * step.dt
-        step.target = before + np.clip(step.target - before, -most, most)
+        way = step.target - before
+        step.target = before + clipped(way, -most, most)
+        step.target_ahead = np.where(np.abs(way) < most, step.target_ahead, 0.0)
         state["target"] = step.target
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampleAndHold(DrivetrainLaw):
-    """Targets that the drive takes up every T only.
+    """Targets that the drive takes up every T only, at multiples of it.
+
+    Where that is within a step, the step has the mean of the target before and the one after.
 
     Attributes:
         period: T [s]; 0 takes up every one.
@@ -80,23 +89,32 @@ class SampleAndHold(DrivetrainLaw):
 
     name: ClassVar[str] = "sample_and_hold"
     stage: ClassVar[Stage] = "controller"
-    state: ClassVar[tuple[str, ...]] = ("target", "next")
+    state: ClassVar[tuple[str, ...]] = ("target",)
     neutral: ClassVar[Mapping[str, float]] = {"period": 0.0}
+    targets_only: ClassVar[bool] = True
     period: Numbers = number(at_least=0)
 
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        due = first(state["next"], step.time) <= step.time + _SAME_INSTANT
-        step.target = np.where(due, step.target, state["target"])
-        state["target"] = step.target
-        late = first(state["next"], step.time)
-        state["next"] = np.where(due, np.maximum(late, step.time - p["period"]) + p["period"], late)
+        period = np.maximum(p["period"], _SAME_INSTANT)
+        held = first(state["target"], step.target)
+        instant = np.ceil((step.time - _SAME_INSTANT) / period) * period
+        # The part of the step before it; all of it where there is none in this step.
+        before = (instant - step.time) / step.dt
+        same = _SAME_INSTANT / step.dt
+        before = np.where(before < same, 0.0, np.where(before > 1.0 - same, 1.0, before))
+        state["target"] = np.where(before < 1.0, step.target, held)
+        mean = (1.0 - before) * step.target + before * held
+        start = np.where(before > SOON, held, step.target + step.target_ahead)
+        step.target, step.target_ahead = mean, start - mean
 
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerDeadband(DrivetrainLaw):
     """A controller that leaves position errors below δ alone.
+
+    A joint that passes the edge of the band within a step is left alone for that part of it.
 
     Attributes:
         width: δ [rad; m].
@@ -110,12 +128,22 @@ class ControllerDeadband(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.target = np.where(np.abs(step.target - step.q) < p["width"], step.q, step.target)
+        error = step.target - step.q
+        later = error - step.qd * step.dt
+        low = np.minimum(error, later) - _STANDSTILL
+        high = np.maximum(error, later) + _STANDSTILL
+        within = np.minimum(high, p["width"]) - np.maximum(low, -p["width"])
+        lost = clipped(within / (high - low), 0.0, 1.0) * error
+        start = error + step.target_ahead
+        step.target_ahead = lost + np.where(np.abs(start) < p["width"], 0.0, start) - error
+        step.target = step.target - lost
 
 
 @dataclass(frozen=True, kw_only=True)
 class IntegralAction(DrivetrainLaw):
     """An integrator beside the PD control: ki ∫(u − q) dt, held within its clamp.
+
+    Beyond the drive's own limit it does not wind up either.
 
     Attributes:
         gain: ki [N·m/(rad·s); N/(m·s)].
@@ -134,13 +162,14 @@ class IntegralAction(DrivetrainLaw):
         """As in `DrivetrainLaw`."""
         before = np.where(np.isnan(state["effort"]), 0.0, state["effort"])
         error = np.where(step.stiffness > 0, step.target - step.q, 0.0)
-        added = np.clip(before + p["gain"] * error * step.dt, -p["clamp"], p["clamp"])
+        most = np.minimum(p["clamp"], step.limit)
+        added = clipped(before + p["gain"] * error * step.dt, -most, most)
         state["effort"] = added
-        step.effort = np.clip(step.effort + added, -step.limit, step.limit)
+        step.effort = clipped(step.effort + added, -step.limit, step.limit)
 
 
 @dataclass(frozen=True, kw_only=True)
-class VelocityFilter(DrivetrainLaw):
+class VelocityFilter(Lag):
     """Damping that acts on a filtered velocity: kd (q̇ − q̇ filtered) is missing from it.
 
     Attributes:
@@ -156,7 +185,7 @@ class VelocityFilter(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        filtered, state["qd"] = lagged(state["qd"], step.qd, step.dt, p["time_constant"])
-        step.effort = np.clip(
+        filtered, _, state["qd"] = VelocityFilter.lagged(state["qd"], step.qd, 0.0, p)
+        step.effort = clipped(
             step.effort + step.damping * (step.qd - filtered), -step.limit, step.limit
         )

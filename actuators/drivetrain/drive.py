@@ -10,11 +10,13 @@ import numpy as np
 
 from walkerkit.actuators.drivetrain.law import (
     DrivetrainLaw,
+    FloatArray,
+    Lag,
     Parameters,
     Stage,
     State,
     Step,
-    lagged,
+    clipped,
 )
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
@@ -42,13 +44,13 @@ class TorqueSpeedLimit(DrivetrainLaw):
         stall = p["saturation_effort"]
         lost = stall * (step.qd / p["velocity_limit"])
         # Faster than V it can only brake, by no more than its stall torque.
-        high = np.clip(stall - lost, -stall, stall)
-        low = np.clip(-stall - lost, -stall, stall)
-        step.effort = np.clip(step.effort, low, high)
+        high = clipped(stall - lost, -stall, stall)
+        low = clipped(-stall - lost, -stall, stall)
+        _limit(step, low, high)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ActuatorLag(DrivetrainLaw):
+class ActuatorLag(Lag):
     """Effort that follows what is asked for with a first-order lag, as through an inductance.
 
     Attributes:
@@ -64,8 +66,8 @@ class ActuatorLag(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.effort, state["effort"] = lagged(
-            state["effort"], step.effort, step.dt, p["time_constant"]
+        step.effort, step.effort_ahead, state["effort"] = ActuatorLag.lagged(
+            state["effort"], step.effort, step.effort_ahead, p
         )
 
 
@@ -158,7 +160,7 @@ class SupplySag(DrivetrainLaw):
         # Where there is no limit there is none to fall; 0 · ∞ would say otherwise.
         limit = np.where(np.isfinite(step.limit), step.limit, 0.0) * left
         limit = np.where(np.isfinite(step.limit), limit, np.inf)
-        step.effort = np.clip(step.effort, -limit, limit)
+        _limit(step, -limit, limit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,3 +180,9 @@ class QuadraticDrag(DrivetrainLaw):
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
         step.extra -= p["drag"] * step.qd * np.abs(step.qd)
+
+
+def _limit(step: Step, low: FloatArray, high: FloatArray) -> None:
+    start = clipped(step.effort + step.effort_ahead, low, high)
+    step.effort = clipped(step.effort, low, high)
+    step.effort_ahead = start - step.effort

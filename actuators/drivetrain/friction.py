@@ -16,6 +16,9 @@ from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Parameters, Stage,
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
 
+_RIGID_STEPS = 4  # MuJoCo's stiffest friction stops a joint within two
+_SMALLEST = 1e-12  # rad; bristles without friction do not bend
+
 
 @dataclass(frozen=True, kw_only=True)
 class AsymmetricFriction(DrivetrainLaw):
@@ -141,29 +144,42 @@ class PoseDependentFriction(DrivetrainLaw):
 class PreslidingFriction(DrivetrainLaw):
     """Bristles that bend before the joint slides: the LuGre model without its viscous terms.
 
-    ż = q̇ − σ₀ |q̇| z/Fc, τ = −σ₀ z (Canudas de Wit et al., IEEE TAC 40, 1995), each step solved
-    exactly for a constant velocity, since bristles are too stiff for explicit steps.
+    ż = q̇ − σ₀ |q̇| z/g, τ = −σ₀ z (Canudas de Wit et al., IEEE TAC 40, 1995), where g is all the dry
+    friction that the joint has, of the model and of other laws; so Stribeck's makes it LuGre's own.
+    Each step is solved exactly for a constant velocity. As a spring that explicit steps integrate,
+    it wants σ₀ below I/h², where I is the joint's inertia and h the timestep.
+
+    A joint is rigid in its first steps, until it is at rest where it sticks: what holds it then
+    tells how far its bristles are bent.
 
     Attributes:
-        frictionloss: Fc [N·m; N].
         bristle_stiffness: σ₀ [N·m/rad; N/m].
     """
 
     name: ClassVar[str] = "presliding_friction"
     stage: ClassVar[Stage] = "joint"
-    state: ClassVar[tuple[str, ...]] = ("z",)
-    neutral: ClassVar[Mapping[str, float]] = {"frictionloss": 0.0, "bristle_stiffness": 1.0}
-    frictionloss: Numbers = number(at_least=0)
+    state: ClassVar[tuple[str, ...]] = ("z", "level", "steps")
+    reads_held: ClassVar[bool] = True
+    neutral: ClassVar[Mapping[str, float]] = {"bristle_stiffness": 1e9}
     bristle_stiffness: Numbers = number(above=0)
 
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        level = np.maximum(p["frictionloss"], 1e-12)
         stiffness = p["bristle_stiffness"]
-        speed = np.abs(step.qd)
-        settled = np.sign(step.qd) * level / stiffness
-        z = np.where(np.isnan(state["z"]), 0.0, state["z"])
-        z = settled + (z - settled) * np.exp(-stiffness * speed * step.dt / level)
-        state["z"] = z
-        step.extra -= np.where(p["frictionloss"] > 0, stiffness * z, 0.0)
+        level = np.maximum(step.dry + step.friction, 0.0)
+        furthest = level / stiffness
+        settled = np.sign(step.qd) * furthest
+        stuck = np.abs(step.held) <= state["level"]
+        start = np.where(stuck, -step.held / stiffness, settled)
+        slid = step.dt * np.abs(step.qd) / np.maximum(furthest, _SMALLEST)
+        z = state["z"]
+        bent = np.where(np.isnan(z), start, settled + (z - settled) * np.exp(-slid))
+        steps = np.where(np.isnan(state["steps"]), 0.0, state["steps"])
+        rigid = steps < _RIGID_STEPS
+        state["z"] = np.where(rigid, np.nan, bent)
+        state["level"] = level * (1 + 1e-9)  # the solver's rounding
+        state["steps"] = steps + 1.0
+        soft = ~rigid & (stiffness < PreslidingFriction.neutral["bristle_stiffness"])
+        step.extra -= np.where(soft, stiffness * bent, 0.0)
+        step.friction = np.where(soft, -step.dry, step.friction)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -21,6 +21,8 @@ from walkerkit.actuators.fields import names
 from walkerkit.actuators.selection import Numbers, per_joint
 
 FloatArray = NDArray[np.float64]
+SOON = 0.05
+"""Of a step: when its beginning is looked at, by which time what has no memory has followed."""
 Stage = Literal["controller", "drive", "joint"]
 
 
@@ -40,6 +42,13 @@ class Step:
         effort: effort of the drive, as it would report it [N·m; N]; laws of the drive replace it.
         extra: effort at the joint besides, which no drive reports [N·m; N].
         friction: dry friction besides what the model has [N·m; N].
+        dry: dry friction that the model has [N·m; N].
+        held: what MuJoCo's constraints, dry friction among them, did to the joint in the last step
+            [N·m; N]; zero where no law reads it.
+        play, play_speed: position [rad; m] and velocity [rad/s; m/s] of what gives way between
+            joint and link; zero where nothing does, or no law reads it.
+        target_ahead, effort_ahead: of the target and of the reported effort, what they are at the
+            step's beginning over their mean over it, where they jump within it.
     """
 
     dt: float
@@ -53,6 +62,12 @@ class Step:
     effort: FloatArray
     extra: FloatArray
     friction: FloatArray
+    dry: FloatArray
+    held: FloatArray
+    play: FloatArray = field(default_factory=lambda: np.zeros(1))
+    play_speed: FloatArray = field(default_factory=lambda: np.zeros(1))
+    target_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
+    effort_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
 
 
 Parameters = Mapping[str, FloatArray]
@@ -74,6 +89,13 @@ class DrivetrainLaw(abc.ABC):
     neutral: ClassVar[Mapping[str, float]]
     """Parameters at which it does nothing; those after the first `sizes` are idle there."""
     sizes: ClassVar[int] = 1
+    reads_held: ClassVar[bool] = False
+    """It reads `Step.held`."""
+    reads_play: ClassVar[bool] = False
+    """It reads `Step.play`."""
+    targets_only: ClassVar[bool] = False
+    """It reads and changes nothing but targets, by the time: what it makes of a whole series of
+    them can be known beforehand."""
 
     joint_names_expr: tuple[str, ...] = names()
 
@@ -90,9 +112,36 @@ class DrivetrainLaw(abc.ABC):
 
         Args:
             step: written to.
-            p: parameters, (n_joints,) or (n_sims, n_joints) each.
-            state: what it remembers, (..., n_joints) each, written to.
+            p: parameters as `prepared`, (n_joints,) or (n_sims, n_joints) each.
+            state: what it remembers, (..., n_joints) each, or (..., n_joints, depth) where it has
+                a `depth`; written to.
         """
+
+    @classmethod
+    def prepared(cls, p: Parameters, dt: float) -> Parameters:
+        """Its parameters, and what `apply` would make of them alone in every step.
+
+        Args:
+            p: parameters, (n_joints,) or (n_sims, n_joints) each.
+            dt: the step [s].
+        """
+        return p
+
+    @classmethod
+    def depth(cls, p: Parameters, dt: float) -> int | None:
+        """How many numbers of each kind it remembers of a joint; None for a single one.
+
+        Args:
+            p: parameters, (n_joints,) or (n_sims, n_joints) each.
+            dt: the step [s].
+        """
+        return None
+
+    @classmethod
+    def acts(cls, p: Parameters) -> bool:
+        """Some of these parameters let it do anything."""
+        sizes = cls.parameter_names()[: cls.sizes]
+        return any(bool((p[name] != cls.neutral[name]).any()) for name in sizes)
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
@@ -110,22 +159,41 @@ def first(remembered: FloatArray, now: FloatArray) -> FloatArray:
     return np.where(np.isnan(remembered), now, remembered)
 
 
-def lagged(
-    remembered: FloatArray, now: FloatArray, dt: float, time_constant: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """What a first-order filter makes of an input that is held for a step.
+def clipped(values: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
+    """Values within bounds; `numpy.clip` takes several times as long for a few joints."""
+    return np.minimum(np.maximum(values, low), high)
 
-    Args:
-        remembered: where it stands, NaN where it has not begun.
-        now: the input, in any unit.
-        dt: the step [s].
-        time_constant: T [s]; without one the input passes.
 
-    Returns:
-        Its mean over the step, which joins the unfiltered input smoothly as T goes to 0, and where
-        it stands at the end.
+class Lag(DrivetrainLaw):
+    """A law with a first-order filter of `time_constant` [s], which passes its input without one.
+
+    The input is held for a step; what a filter makes of it is its mean over the step, which joins
+    the unfiltered input smoothly as the time constant goes to 0.
     """
-    ratio = np.maximum(time_constant, 1e-9) / dt
-    behind = first(remembered, now) - now
-    left = np.exp(-1.0 / ratio)
-    return now + behind * (ratio * (1.0 - left)), now + behind * left
+
+    @classmethod
+    def prepared(cls, p: Parameters, dt: float) -> Parameters:
+        """As in `DrivetrainLaw`; what is left of a difference, and passes of a jump."""
+        ratio = np.maximum(p["time_constant"], 1e-9) / dt
+        left = np.exp(-1.0 / ratio)
+        passing = -np.expm1(-SOON / ratio)
+        return {**p, "left": left, "mean": ratio * (1.0 - left), "passing": passing}
+
+    @staticmethod
+    def lagged(
+        remembered: FloatArray, now: FloatArray, ahead: FloatArray | float, p: Parameters
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What the filter makes of an input.
+
+        Args:
+            remembered: where it stands, NaN where it has not begun.
+            now: the input, in any unit.
+            ahead: what the input is at the step's beginning over that.
+            p: parameters as `prepared`.
+
+        Returns:
+            Its mean over the step, how far it jumps within it as `ahead` says of the input, and
+            where it stands at the end.
+        """
+        behind = first(remembered, now) - now
+        return now + behind * p["mean"], ahead * p["passing"], now + behind * p["left"]

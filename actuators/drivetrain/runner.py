@@ -23,6 +23,7 @@ from walkerkit.actuators.command import ActuatorCmd
 from walkerkit.actuators.drivetrain.bank import LawBank
 from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
 from walkerkit.actuators.group import ActuatorGroup
+from walkerkit.actuators.play import play_joint
 from walkerkit.actuators.selection import select
 
 FloatArray = NDArray[np.float64]
@@ -69,12 +70,14 @@ class LawRunner:
             )
             for name, values in law.numbers(tuple(names[i] for i in chosen)).items():
                 of_law[name][chosen] = values
-        self._bank = LawBank(list(parameters.items()), shape)
         model = simulation.model
+        self._bank = LawBank(list(parameters.items()), shape, float(model.opt.timestep))
         self._dofs = model.jnt_dofadr[group.joint_ids].astype(np.intp)
         self._qposes = model.jnt_qposadr[group.joint_ids].astype(np.intp)
         self._qpos, self._qvel = simulation.state("qpos"), simulation.state("qvel")
         self._applied = simulation.state("qfrc_applied")
+        self._held = simulation.state("qfrc_constraint") if self._bank.reads_held else None
+        self._plays = _plays(model, group) if self._bank.reads_play else []
         self._dry = simulation.parameter("dof_frictionloss")
         if self._dry_of is not model:
             self._own_dry = model.dof_frictionloss[self._dofs].copy()
@@ -136,7 +139,14 @@ class LawRunner:
             effort=zeros,
             extra=zeros.copy(),
             friction=zeros.copy(),
+            dry=self._own_dry,
+            held=zeros if self._held is None else self._held[..., self._dofs],
+            play=zeros.copy(),
+            play_speed=zeros.copy(),
         )
+        for column, qpos, dof in self._plays:
+            step.play[..., column] = self._qpos[..., qpos]
+            step.play_speed[..., column] = self._qvel[..., dof]
         if self._bank.has("controller") and cmd.position_target is not None:
             self._bank.run("controller", step)
             cmd = ActuatorCmd(
@@ -164,6 +174,16 @@ class LawRunner:
         if self._group is None:
             raise RuntimeError("call initialize(group) after the actuators were initialized")
         return self._group
+
+
+def _plays(model: mujoco.MjModel, group: ActuatorGroup) -> list[tuple[int, int, int]]:
+    """Of what gives way behind the group's joints: the joint, and addresses in qpos and qvel."""
+    found = []
+    for column, joint in enumerate(group.joint_ids):
+        play = play_joint(model, int(joint))
+        if play is not None:
+            found.append((column, int(model.jnt_qposadr[play]), int(model.jnt_dofadr[play])))
+    return found
 
 
 def _parameter(

@@ -17,10 +17,15 @@ _FAMILIES = (
     "friction",
     "inertia",
     "transmission",
+    "play",
     "actuation",
     "timing",
     "measurement",
     "environment",
+    "law_friction",
+    "laws_drive",
+    "laws_controller",
+    "periodic",
 )
 _others = sorted({module.name for module in pkgutil.iter_modules(__path__)} - {*_FAMILIES})
 for _family in (*_FAMILIES, *_others):

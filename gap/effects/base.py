@@ -44,6 +44,8 @@ class Parameter:
         scale: a typical size; the fit works in units of it.
         starts: magnitudes at which the effect is tried before fitting. Several, since a small step
             says nothing about limits and dead zones.
+        choice: its values are those at the starts and none between, so that it is not fitted.
+        inverse: name and unit of one over it, where that is what people speak of; else empty.
     """
 
     name: str
@@ -53,6 +55,8 @@ class Parameter:
     upper: float
     scale: float
     starts: tuple[float, ...]
+    choice: bool = False
+    inverse: tuple[str, str] | tuple[()] = ()
 
     def __post_init__(self) -> None:
         inside = all(self.lower <= value <= self.upper for value in (self.zero, *self.starts))
@@ -75,6 +79,9 @@ class Effect(abc.ABC):
         kind: whether its sites are joints, bodies or the whole robot.
         shared: the same cause usually acts on all joints (a bus, a filter), so that one value for
             all is preferred where the data allow it.
+        fitted: its numbers are fitted; otherwise they are chosen among their starts.
+        extends: effects of which this one is a generalisation. It explains at least as much, and
+            is worth a thought only where it explains more.
     """
 
     name: ClassVar[str]
@@ -84,6 +91,8 @@ class Effect(abc.ABC):
     source: ClassVar[str]
     kind: ClassVar[SiteKind] = "joint"
     shared: ClassVar[bool] = False
+    fitted: ClassVar[bool] = True
+    extends: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -1,4 +1,4 @@
-"""The world around the robot."""
+"""What the robot is mounted on and runs into."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
+from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
@@ -49,3 +49,102 @@ class BaseTilt(Effect):
         y, z = cr * y - sr * z, sr * y + cr * z
         x, z = cp * x + sp * z, cp * z - sp * x
         gravity[...] = np.stack([x, y, z], axis=1)
+
+
+_STIFFEST = 1.0  # √(K/I) h; a stop is explicit in MuJoCo, and is not hit well by longer steps
+_IMPEDANCE = 0.01  # small, so that a stop gives way like a spring; this much like a mass, too
+_DAMPING_RATIO = 0.3
+
+
+class EndStop(JointEffect):
+    """The joint runs into a stop where its model moves freely, or not yet.
+
+    A stop is a damped spring that only pushes. MuJoCo's usual ones hold back accelerations instead,
+    whatever makes them, so that their hardness is not one of a material.
+    """
+
+    name = "end_stop"
+    equation = (
+        "τ = −K r − 2 ζ √(K I) ṙ as far as it pushes back, r: q beyond lower or upper [rad], "
+        "K: stiffness [N·m/rad], ζ: damping_ratio [1], I: the joint's inertia"
+    )
+    symptom = "at the limits"
+    added_as = "joint range, solreflimit and solimplimit"
+    source = "MuJoCo documentation, Computation: Solver parameters; XML reference, joint/range"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Any joint."""
+        return True
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """Both stops, unchanged far outside or where the model has them, and how hard they are."""
+        joint, excursion = robot.joints[site], robot.excursion(site)
+        low, high, width = excursion.lower, excursion.upper, excursion.range
+        limited = bool(robot.model.jnt_limited[joint.id])
+        span = robot.model.jnt_range[joint.id]
+        known = (float(span[0]), float(span[1])) if limited else (low - width, high + width)
+        unit = "m" if joint.slide else "rad"
+        stiffest = (_STIFFEST / robot.model.opt.timestep) ** 2 * _inertia(robot, site)
+        near, nearer = 0.02 * width, 0.1 * width
+        return (
+            Parameter(
+                name="lower",
+                unit=unit,
+                zero=known[0],
+                lower=min(known[0], low - width),
+                upper=max(known[0], low + 0.45 * width),
+                scale=near,
+                starts=(low + near, low + near, known[0], low + nearer),
+            ),
+            Parameter(
+                name="upper",
+                unit=unit,
+                zero=known[1],
+                lower=min(known[1], high - 0.45 * width),
+                upper=max(known[1], high + width),
+                scale=near,
+                starts=(high - near, known[1], high - near, high - nearer),
+            ),
+            Parameter(
+                name="stiffness",
+                unit="N/m" if joint.slide else "N·m/rad",
+                # Not at the bound, where a stop that is as hard as can be is a change.
+                zero=0.9 * stiffest,
+                lower=1e-3 * stiffest,
+                upper=stiffest,
+                scale=0.05 * stiffest,
+                starts=(0.3 * stiffest,) * 4,
+            ),
+            Parameter(
+                name="damping_ratio",
+                unit="1",
+                zero=_DAMPING_RATIO,
+                lower=0.02,
+                upper=2.0,
+                scale=0.1,
+                starts=(_DAMPING_RATIO,) * 4,
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Sets `jnt_range` and how its stops give way, and switches them on where they moved."""
+        robot, joint = trials.robot, trials.robot.joints[site]
+        zero = np.array([parameter.zero for parameter in self.parameters(robot, site)])
+        moved = values[:, :2] != zero[:2]
+        some, changed = moved.any(axis=1), (values != zero).any(axis=1)
+        limited, span = trials.field("jnt_limited"), trials.field("jnt_range")[:, joint.id]
+        # A stop that was not moved stays where it is, be it that other effects have moved it.
+        own = np.where(limited[:, [joint.id]], span, values[:, :2])
+        span[some] = np.where(moved, values[:, :2], own)[some]
+        limited[some, joint.id] = True
+        # A stop makes (k r + b v)/R, with R (1 − d)/d of what an effort accelerates and k, b these
+        # numbers over d (MuJoCo, Computation: Constraint model).
+        rate = np.sqrt(values[:, 2] / _inertia(robot, site))
+        spring = (1 - _IMPEDANCE) * np.stack([rate**2, 2 * values[:, 3] * rate], axis=1)
+        trials.field("jnt_solref")[changed, joint.id] = -spring[changed]
+        trials.field("jnt_solimp")[changed, joint.id, :2] = _IMPEDANCE
+
+
+def _inertia(robot: Robot, joint: str) -> float:
+    """What an effort at a joint moves in the reference pose, the other joints free."""
+    return 1 / float(robot.model.dof_invweight0[robot.joints[joint].dof])

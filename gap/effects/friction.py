@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
+from walkerkit.gap.effects.dry_friction import stiffen_dry_friction
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
@@ -42,12 +41,6 @@ class ViscousFriction(JointEffect):
         trials.field("dof_damping")[:, trials.robot.joints[site].dof] += values[:, 0]
 
 
-# MuJoCo's frictionloss is a regularised constraint. With its default time constant of 20 ms the
-# friction lags behind a reversal and a loaded joint creeps; the shortest that is stable (twice the
-# timestep) and an impedance near one come closest to dry friction.
-_IMPEDANCE = (0.99, 0.99, 0.001, 0.5, 2.0)
-
-
 class CoulombFriction(JointEffect):
     """Dry friction: constant, against the motion."""
 
@@ -80,9 +73,38 @@ class CoulombFriction(JointEffect):
 
     def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
         """Adds to `dof_frictionloss`; where the model had none, its constraint is made stiff."""
-        model, dof = trials.robot.model, trials.robot.joints[site].dof
-        trials.field("dof_frictionloss")[:, dof] += values[:, 0]
-        if model.dof_frictionloss[dof] == 0:
-            new = values[:, 0] != 0
-            trials.field("dof_solref")[new, dof] = (2 * model.opt.timestep, 1.0)
-            trials.field("dof_solimp")[new, dof] = np.array(_IMPEDANCE)
+        trials.field("dof_frictionloss")[:, trials.robot.joints[site].dof] += values[:, 0]
+        stiffen_dry_friction(trials, site, values[:, 0] != 0)
+
+
+class QuadraticDrag(JointEffect):
+    """Drag of a fluid or a fan: it grows with the square of speed."""
+
+    name = "quadratic_drag"
+    equation = "τ = −b₂ q̇|q̇|, b₂: drag [N·m·s²/rad²]"
+    symptom = "high speed only"
+    added_as = 'joint damping="b b₂ b₃"'
+    source = "MuJoCo XML reference, joint/damping"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Any joint."""
+        return True
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The drag to add; what the model has can be taken away."""
+        joint, excursion = robot.joints[site], robot.excursion(site)
+        size = 0.1 * excursion.effort / excursion.velocity**2
+        return (
+            Parameter(
+                name="drag",
+                unit="N·s²/m²" if joint.slide else "N·m·s²/rad²",
+                lower=-float(robot.model.dof_dampingpoly[joint.dof, 0]),
+                upper=200 * size,
+                scale=size,
+                starts=(size, 5 * size),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Adds to `dof_dampingpoly`."""
+        trials.field("dof_dampingpoly")[:, trials.robot.joints[site].dof, 0] += values[:, 0]

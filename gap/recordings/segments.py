@@ -59,6 +59,14 @@ def windows(recording: Recording, length: float) -> tuple[Segment, ...]:
     )
 
 
+def stretches(recording: Recording, longest: float) -> tuple[Segment, ...]:
+    """The whole recording in equal parts of at most `longest` seconds."""
+    time = recording.time
+    duration = float(time[-1] - time[0])
+    count = max(1, int(np.ceil(duration / longest - 1e-6)))
+    return windows(recording, duration / count * (1 - 1e-12))
+
+
 def cut(recordings: Sequence[Recording], length: float | None) -> tuple[Segment, ...]:
     """All recordings as windows of `length` seconds, or whole where it is None."""
     return tuple(

@@ -4,17 +4,18 @@
     recordings = run_hardware("leg.xml", [targets], hidden=[late], seed=0)
 
 A rehearsal is worth something only where the "robot" is not the simulation over again. So MuJoCo
-moves bare rigid bodies here, several times finer than the model's own step; servo, delay, damping,
-dry friction and encoder are laws of `walkerkit.gap.rehearsal.hardware_drive` in numpy, applied as
-joint efforts, and what is logged is late, noisy and quantised. Of the model it keeps bodies,
-inertia, gravity, springs, joint limits and contacts.
+moves bare rigid bodies here, several times finer than the model's own step; controller, motor,
+gear, friction and log are laws of their own in numpy (the `hardware_…` modules), applied as joint
+efforts, and what is logged is late, noisy and quantised. Of the model it keeps bodies, inertia,
+gravity, springs, joint limits and contacts but those of feet that stand on the ground.
 
 The log has each joint's `position_target` as it was sent, `position` and `velocity` as the encoder
-reads them, and `effort` as the drive believes it delivers it: after its own limit, without a wrong
-torque constant, bias, spring or friction.
+reads them, and `effort` as the drive believes it delivers it: after its own limits and lags,
+without a wrong torque constant, bias, ripple, spring or friction; and of a base that floats its
+pose and velocity.
 
-Limits: every actuator must be a plain position servo of a hinge or slide joint (gear 1); a floating
-base moves but is not logged; tendons and equality constraints stay MuJoCo's.
+Limits: every actuator must be a plain position servo of a hinge or slide joint (gear 1); tendons,
+equality constraints and all other contacts stay MuJoCo's.
 """
 
 from __future__ import annotations
@@ -31,24 +32,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.rehearsal.hardware_drive import Bristles, Drives, load_rig
+from walkerkit.gap.rehearsal.hardware_base import WIDTH, base_readings, free_joint
+from walkerkit.gap.rehearsal.hardware_controller import Controller
+from walkerkit.gap.rehearsal.hardware_drive import Drives, load_rig
+from walkerkit.gap.rehearsal.hardware_friction import Friction
+from walkerkit.gap.rehearsal.hardware_ground import Soil
+from walkerkit.gap.rehearsal.hardware_log import Log, readings
+from walkerkit.gap.rehearsal.hardware_motor import Motor
+from walkerkit.gap.rehearsal.hardware_transmission import Stops, Transmission
+from walkerkit.gap.rehearsal.hardware_troubles import Troubles
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 
 Array = NDArray[np.float64]
 
-COUNTS: Final = 16384
-"""Encoder counts of a turn (of 2π m on a slide joint)."""
-POSITION_NOISE: Final = 1e-4
-"""Of the position before it is quantised, rad (m for slide joints)."""
-VELOCITY_NOISE: Final = 0.01
-"""Of the velocity, rad/s."""
-EFFORT_NOISE: Final = 0.02
-"""Of the reported effort, N·m."""
 SETTLE: Final = 1.5
 """How long the robot holds the first target before the log begins, s."""
 
 _LOGGED = ("position_target", "position", "velocity", "effort")
 _LOST = 1e4  # rad/s: no joint of a walking robot comes back from there
+_LOOK = 64  # steps from one look for it to the next
 _OFF = (
     mujoco.mjtDisableBit.mjDSBL_ACTUATION
     # A reset in the middle of the log would hide that the robot went unstable.
@@ -65,6 +67,7 @@ def run_hardware(
     seed: int,
     substeps: int = 4,
     names: Sequence[str] | None = None,
+    jitter: float = 0.0,
 ) -> list[Recording]:
     """Runs experiments on a robot with hidden effects and logs them.
 
@@ -77,6 +80,8 @@ def run_hardware(
         seed: of the noise; an experiment's noise does not depend on the others.
         substeps: steps of the simulated robot for each of the model's.
         names: the recordings' names; experiment_0, experiment_1 and so on by default.
+        jitter: standard deviation of the rows' time stamps around the times at which they were
+            taken, s; at most a tenth of the time between samples.
 
     Returns:
         A recording of each experiment, T samples from time 0.
@@ -90,6 +95,11 @@ def run_hardware(
         raise InputError(f"substeps is {substeps}; it must be a whole number of at least 1")
     model.opt.timestep /= substeps
     stride = _stride(rate, model.opt.timestep)
+    if not 0 <= jitter <= 0.1 / rate:
+        raise InputError(
+            f"jitter is {jitter} s; give at most {0.1 / rate:g} s, a tenth of the time between "
+            "samples"
+        )
     commands = [_checked(i, command, drives) for i, command in enumerate(targets)]
     names = [f"experiment_{i}" for i in range(len(commands))] if names is None else names
     if not commands or len(names) != len(commands):
@@ -99,24 +109,30 @@ def run_hardware(
         )
     longest = max(map(len, commands))
     together = np.stack([np.pad(c, ((0, longest - len(c)), (0, 0)), "edge") for c in commands], 1)
-    held = np.repeat(together, stride, axis=0)[: (longest - 1) * stride + 1]
     lead = math.ceil(SETTLE / model.opt.timestep)
-    sent = np.concatenate([np.repeat(held[:1], lead, axis=0), held])
-    q, qd, effort = _run(model, drives, sent)
-    lag = drives.sensor_delay / model.opt.timestep
-    signals = np.stack([_delayed(q, lag) + drives.offset, _delayed(qd, lag), effort])
-    logged = signals[:, lead::stride]
+    log = Log(drives, hidden, step=model.opt.timestep, stride=stride, start=lead)
+    held = np.repeat(together, stride, axis=0)
+    ends = lead, max(log.values(longest) - lead - len(held), 0)
+    sent = np.pad(held, (ends, (0, 0), (0, 0)), "edge")
+    seeds = [[seed, i] for i in range(len(commands))]
+    *signals, base = _run(model, drives, hidden, sent, lead, seeds)
+    rows = log.rows(*signals, count=longest)
+    poses = log.base_rows(base, count=longest)
     recordings = []
     for i, (name, command) in enumerate(zip(names, commands, strict=True)):
-        readings = _measured(logged[:, : len(command), i], np.random.default_rng([seed, i]))
+        rng = np.random.default_rng(seeds[i])
+        read = readings(rows[:, : len(command), i], rng)
         columns = {
             f"{joint}/{signal}": values[:, j]
             for j, joint in enumerate(drives.joints)
-            for signal, values in zip(_LOGGED, (command, *readings), strict=True)
+            for signal, values in zip(_LOGGED, (command, *read), strict=True)
         }
-        recordings.append(
-            Recording(name=name, time=np.arange(len(command)) / rate, columns=columns)
-        )
+        if poses.size:
+            columns |= base_readings(poses[: len(command), i], rng)
+        time = np.arange(len(command)) / rate
+        if jitter:
+            time = time + np.clip(jitter * rng.standard_normal(len(time)), -0.4 / rate, 0.4 / rate)
+        recordings.append(Recording(name=name, time=time, columns=columns))
     return recordings
 
 
@@ -140,6 +156,11 @@ def _build(path: str | Path, hidden: Sequence[HiddenEffect]) -> tuple[mujoco.MjM
             case "payload":
                 bodies = [model.body(i).name for i in range(model.nbody)]
                 model.body_mass += effect.spread("mass", bodies)
+            case "com_offset":
+                bodies = [model.body(i).name for i in range(model.nbody)]
+                shift = [effect.spread(axis, bodies) for axis in "xyz"]
+                # In the body's frame; the inertia's own axes stay where they point.
+                model.body_ipos += np.stack(shift, axis=1)
             case "base_tilt":
                 model.opt.gravity = _tilted(effect) @ model.opt.gravity
             case _:
@@ -189,62 +210,84 @@ def _checked(index: int, targets: ArrayLike, drives: Drives) -> Array:
     return command
 
 
-def _delayed(signal: Array, lag: Array) -> Array:
-    """A signal as it arrives late.
-
-    Args:
-        signal: shape (n_steps, n_experiments, n_joints).
-        lag: of each joint, shape (n_joints,), steps; the fraction of a step is interpolated.
-
-    Returns:
-        The signal, shape as given; before its first sample it is taken to have been constant.
-    """
-    at = np.arange(len(signal))[:, None] - np.round(lag, 9)
-    early = np.floor(at).astype(int)
-    late_share = (at - early)[:, None, :]
-
-    def take(index: NDArray[np.intp]) -> Array:
-        inside = np.clip(index, 0, len(signal) - 1)[:, None, :]
-        return np.take_along_axis(signal, inside, axis=0)
-
-    delayed: Array = (1.0 - late_share) * take(early) + late_share * take(early + 1)
-    return delayed
-
-
-def _run(model: mujoco.MjModel, drives: Drives, sent: Array) -> tuple[Array, Array, Array]:
+def _run(
+    model: mujoco.MjModel,
+    drives: Drives,
+    hidden: Sequence[HiddenEffect],
+    sent: Array,
+    start: int,
+    seeds: Sequence[Sequence[int]],
+) -> tuple[Array, Array, Array, Array]:
     """Steps all experiments together.
 
     Args:
-        model: the bare rigid bodies.
+        model: the bare rigid bodies; rotors are taken out of it.
         drives: what moves them.
+        hidden: what drives and bodies do not say.
         sent: targets as they are sent, shape (n_steps, n_experiments, n_joints), rad.
+        start: the step at which the log begins.
+        seeds: of each experiment.
 
     Returns:
-        True joint positions and velocities and commanded efforts at each step, shape as `sent`.
+        Positions and speeds as the encoders read them and reported efforts at each step, shape as
+        `sent`, and the state of a base that floats, shape (n_steps, n_experiments, 13), else
+        (…, 0).
     """
-    arriving = _delayed(sent, drives.command_delay / model.opt.timestep)
-    n_sims = sent.shape[1]
-    batch = mujoco.batch.Batch(model, n_sims, nthread=1)
+    step, n_sims = float(model.opt.timestep), sent.shape[1]
+    controller = Controller(drives, hidden, step=step, n_sims=n_sims)
+    motor = Motor(drives, hidden, step=step, start=start)
+    friction = Friction(model, drives, hidden, step=step, n_sims=n_sims)
+    stops = Stops(model, drives, hidden)
+    troubles = Troubles(drives, hidden, step=step, n_steps=len(sent), seeds=seeds)
+    transmission = Transmission(model, drives, hidden, step=step, n_sims=n_sims)
+    soil = Soil(model, hidden, step=step, n_sims=n_sims)
+    free = free_joint(model)
+    # Only a persistent batch goes on from the velocities that the ground asks for.
+    batch = mujoco.batch.Batch(model, n_sims, nthread=1, persistent=soil.any)
+    stage = mujoco.mjtStage.mjSTAGE_VEL if soil.any else mujoco.mjtStage.mjSTAGE_NONE
     qpos, qvel, applied = batch.bind("qpos"), batch.bind("qvel"), batch.bind("qfrc_applied")
     qpos[:] = _start(model)
     ranges = np.where(model.jnt_limited[:, None], model.jnt_range, [-np.inf, np.inf])
     lower, upper = ranges[model.dof_jntid[drives.dofs]].T
-    qpos[:, drives.qpos] = np.clip(sent[0] - drives.offset, lower, upper)
-    bristles = Bristles(drives.frictionloss, 1.0 / model.dof_invweight0, model.opt.timestep, n_sims)
-    q, qd, effort = np.empty((3, *sent.shape))
-    for k, target in enumerate(arriving):
-        q[k], qd[k] = qpos[:, drives.qpos], qvel[:, drives.dofs]
-        effort[k] = drives.commanded(target, q[k], qd[k])
-        applied[:] = drives.drag(qvel) + bristles.torque(qvel)
-        applied[:, drives.dofs] += drives.delivered(effort[k], q[k])
-        batch.step()
-        if not np.abs(qvel).max() < _LOST:
-            lost = int(np.argmax(~(np.abs(qvel).max(axis=1) < _LOST)))
-            raise RuntimeError(
-                f"experiment {lost} went unstable {k * model.opt.timestep - SETTLE:.3f} s after "
-                "its start; soften the model's gains, hide less, or raise substeps"
-            )
-    return q, qd, effort
+    qpos[:, drives.qpos] = np.clip((sent[0] - drives.offset) / drives.slope, lower, upper)
+    position, speed, effort = np.empty((3, *sent.shape))
+    base = np.empty((*sent.shape[:2], 0 if free is None else WIDTH))
+    if soil.any:
+        soil.watch(batch)
+    for k, target in enumerate(controller.arriving(sent, start=start)):
+        q, qd = qpos[:, drives.qpos], qvel[:, drives.dofs]
+        angle, rate = transmission.motor_side(q, qd)
+        position[k], speed[k] = drives.read(angle, rate)
+        if free is not None:
+            base[k, :, :7] = qpos[:, free[0] : free[0] + 7]
+            base[k, :, 7:] = qvel[:, free[1] : free[1] + 6]
+        effort[k] = motor.made(controller.asked(target, position[k], speed[k]), rate)
+        shaft = motor.delivered(effort[k], angle)
+        if transmission.any:
+            # The losses of a drive with a rotor are before its teeth.
+            turning = qvel.copy()
+            turning[:, drives.dofs] = rate
+            applied[:] = friction.effort(turning, angle, shaft)
+        else:
+            applied[:] = friction.effort(qvel, q, shaft)
+        load = transmission.link_effort(shaft + applied[:, drives.dofs], q, qd) + drives.springs(q)
+        if stops.any:
+            load += stops.effort(q, qd)
+        if troubles.any:
+            load += troubles.effort(k, q)
+        applied[:, drives.dofs] = load
+        if soil.any:
+            soil.push(batch)
+        batch.step(stage=stage)
+        if k % _LOOK == 0 or k == len(sent) - 1:
+            lost = ~(np.abs(qvel).max(axis=1) < _LOST)
+            if lost.any():
+                raise RuntimeError(
+                    f"experiment {int(np.argmax(lost))} went unstable before "
+                    f"{k * step - SETTLE:.3f} s after its start; soften the model's gains, hide "
+                    "less, or raise substeps"
+                )
+    return position, speed, effort, base
 
 
 def _start(model: mujoco.MjModel) -> Array:
@@ -252,17 +295,3 @@ def _start(model: mujoco.MjModel) -> Array:
     home = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, "home")
     start: Array = model.qpos0 if home < 0 else model.key_qpos[home]
     return start
-
-
-def _measured(true: Array, rng: np.random.Generator) -> Array:
-    """Position, velocity and effort as they are logged.
-
-    Args:
-        true: the three without noise, shape (3, T, n_joints).
-        rng: source of the noise.
-    """
-    spread = np.array([POSITION_NOISE, VELOCITY_NOISE, EFFORT_NOISE])
-    readings: Array = true + spread[:, None, None] * rng.standard_normal(true.shape)
-    count = 2 * np.pi / COUNTS
-    readings[0] = np.round(readings[0] / count) * count
-    return readings

@@ -9,99 +9,23 @@
     HiddenEffect(effect="command_delay", joints=("*",), values={"delay": 0.008})
     HiddenEffect(effect="payload", bodies=("calf",), values={"mass": 0.2})
 
-`HIDEABLE` lists the effects with their parameters. A value is given once for all of the effect's
-joints or bodies, or for each as `<joint>/<parameter>`. `joints=("*",)` means every joint.
+`HIDEABLE`, `GROUND` and `NAMELESS` list the effects with their parameters. A value is given once
+for all of the effect's joints or bodies, or for each as `<joint>/<parameter>`. `joints=("*",)`
+means every joint.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError, closest
-
-
-@dataclass(frozen=True, kw_only=True)
-class HiddenParameter:
-    """One number of an effect.
-
-    Attributes:
-        name: its key in `HiddenEffect.values`.
-        unit: its unit on a hinge; on a slide joint read m for rad and N for N·m.
-        least: smallest value that makes sense.
-        exclusive: whether `least` itself does not.
-    """
-
-    name: str
-    unit: str
-    least: float = -math.inf
-    exclusive: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hideable:
-    """An effect that the rehearsal robot can have.
-
-    Attributes:
-        on: what has it: joints, bodies, or the whole world.
-        parameters: its numbers.
-    """
-
-    on: Literal["joints", "bodies", "world"]
-    parameters: tuple[HiddenParameter, ...]
-
-
-def _joint_effect(
-    name: str, unit: str, least: float = -math.inf, *, exclusive: bool = False
-) -> Hideable:
-    parameter = HiddenParameter(name=name, unit=unit, least=least, exclusive=exclusive)
-    return Hideable(on="joints", parameters=(parameter,))
-
-
-HIDEABLE: Final[Mapping[str, Hideable]] = MappingProxyType(
-    {
-        "viscous_friction": _joint_effect("damping", "N·m·s/rad", 0.0),
-        "coulomb_friction": _joint_effect("frictionloss", "N·m", 0.0),
-        "armature": _joint_effect("armature", "kg·m²", 0.0),
-        "command_delay": _joint_effect("delay", "s", 0.0),
-        "sensor_delay": _joint_effect("delay", "s", 0.0),
-        "position_gain": _joint_effect("delta_kp", "N·m/rad"),
-        "velocity_gain": _joint_effect("delta_kd", "N·m·s/rad"),
-        "torque_constant": _joint_effect("alpha", "", -1.0, exclusive=True),
-        "effort_limit": _joint_effect("forcerange", "N·m", 0.0, exclusive=True),
-        "payload": Hideable(
-            on="bodies", parameters=(HiddenParameter(name="mass", unit="kg", least=0.0),)
-        ),
-        "base_tilt": Hideable(
-            on="world",
-            parameters=(
-                HiddenParameter(name="roll", unit="rad"),
-                HiddenParameter(name="pitch", unit="rad"),
-            ),
-        ),
-        "encoder_offset": _joint_effect("offset", "rad"),
-        "torque_bias": _joint_effect("bias", "N·m"),
-        "parallel_spring": Hideable(
-            on="joints",
-            parameters=(
-                HiddenParameter(name="stiffness", unit="N·m/rad", least=0.0),
-                HiddenParameter(name="springref", unit="rad"),
-            ),
-        ),
-    }
-)
-"""The effects that can be hidden, by their names in the catalogue.
-
-`delta_kp` and `delta_kd` are added to the drive's gains, `alpha` is the torque constant's relative
-error, `forcerange` the drive's limit to both sides, `offset` what the encoder reads too much,
-`roll` and `pitch` the base's rotation about the world's x, then y.
-"""
+from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NAMELESS, Hideable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +33,7 @@ class HiddenEffect:
     """An effect with its place and size.
 
     Attributes:
-        effect: name from `HIDEABLE`.
+        effect: name from `HIDEABLE`, `GROUND` or `NAMELESS`.
         joints: the joints that have it, or ("*",) for all; empty unless it is a joint's effect.
         bodies: the bodies that have it; empty unless it is a body's effect.
         values: `<parameter>` or `<joint or body>/<parameter>` to value, read-only.
@@ -124,7 +48,7 @@ class HiddenEffect:
     values: Mapping[str, float]
 
     def __post_init__(self) -> None:
-        if self.effect not in HIDEABLE:
+        if self.effect not in {**HIDEABLE, **GROUND, **NAMELESS}:
             raise InputError(
                 f"effect {self.effect!r} cannot be hidden{closest(self.effect, HIDEABLE)}; "
                 f"choose from {', '.join(HIDEABLE)}"
@@ -141,6 +65,11 @@ class HiddenEffect:
         return _rebuild, (self.effect, self.joints, self.bodies, dict(self.values))
 
     @property
+    def kind(self) -> Hideable:
+        """Where it can be and which numbers it has."""
+        return {**HIDEABLE, **GROUND, **NAMELESS}[self.effect]
+
+    @property
     def places(self) -> tuple[str, ...]:
         """The joints or bodies that have it; empty for an effect of the world."""
         return self.joints or self.bodies
@@ -149,7 +78,7 @@ class HiddenEffect:
         """The value of a parameter.
 
         Args:
-            parameter: its name in `HIDEABLE`.
+            parameter: its name in `kind`.
             place: the joint or body; needed where each has a value of its own.
 
         Returns:
@@ -172,7 +101,7 @@ class HiddenEffect:
         """The parameter's value at each of a model's joints or bodies.
 
         Args:
-            parameter: its name in `HIDEABLE`.
+            parameter: its name in `kind`.
             names: names of all joints or bodies, n of them.
             elsewhere: the value where the effect is not.
 
@@ -193,11 +122,28 @@ class HiddenEffect:
             [self.value(parameter, name) if name in here else elsewhere for name in names]
         )
 
+    def stronger(self, factor: float, places: Sequence[str] | None = None) -> HiddenEffect:
+        """The same with more of it.
+
+        Args:
+            factor: by which the numbers that grow with the effect grow, and those that shrink with
+                it shrink.
+            places: the joints or bodies at which it becomes stronger, everywhere by default; what
+                all have in common changes for all.
+        """
+        grows = {parameter.name: parameter.grows for parameter in self.kind.parameters}
+        values = {}
+        for key, value in self.values.items():
+            place, _, name = key.rpartition("/")
+            chosen = places is None or not place or place in places
+            values[key] = value * factor ** (grows[name] if chosen else 0)
+        return replace(self, values=values)
+
     def describe(self) -> str:
         """One line for people: the effect, its place, its values with units."""
         where = "all joints" if self.places == ("*",) else ", ".join(self.places)
         parts = []
-        for parameter in HIDEABLE[self.effect].parameters:
+        for parameter in self.kind.parameters:
             unit = f" {parameter.unit}" if parameter.unit else ""
             sign = "+" if parameter.least < 0 else ""
             if parameter.name in self.values:
@@ -208,7 +154,7 @@ class HiddenEffect:
         return f"{self.effect}{' on ' + where if where else ''}: {', '.join(parts)}"
 
     def _check_places(self) -> None:
-        on = HIDEABLE[self.effect].on
+        on = self.kind.on
         for kind, names in (("joints", self.joints), ("bodies", self.bodies)):
             if kind != on and names:
                 raise InputError(
@@ -228,7 +174,7 @@ class HiddenEffect:
 
     def _check_values(self) -> None:
         expected: set[str] = set()
-        for parameter in HIDEABLE[self.effect].parameters:
+        for parameter in self.kind.parameters:
             own = {f"{place}/{parameter.name}" for place in self.places if place != "*"}
             keys = own if own and own <= set(self.values) else {parameter.name}
             expected |= keys
@@ -255,3 +201,23 @@ def _rebuild(
     effect: str, joints: tuple[str, ...], bodies: tuple[str, ...], values: Mapping[str, float]
 ) -> HiddenEffect:
     return HiddenEffect(effect=effect, joints=joints, bodies=bodies, values=values)
+
+
+def total(
+    hidden: Sequence[HiddenEffect], effect: str, parameter: str, names: Sequence[str]
+) -> NDArray[np.float64]:
+    """What all effects of one name add up to at each of a model's joints or bodies.
+
+    Args:
+        hidden: effects.
+        effect: the name of those that are added up.
+        parameter: which of their numbers.
+        names: names of all joints or bodies, n of them.
+
+    Returns:
+        Sums, shape (n,), 0 where there is none, in the parameter's unit.
+    """
+    return sum(
+        (one.spread(parameter, names) for one in hidden if one.effect == effect),
+        np.zeros(len(names)),
+    )

@@ -1,18 +1,17 @@
 """Draws what a rehearsal robot hides: an effect, its place, and a size that matters.
 
     rng = np.random.default_rng(7)
-    hidden = draw_hidden("leg.xml", rng)                                # any effect
-    hidden = draw_hidden("leg.xml", rng, effects=["coulomb_friction"])  # this one, somewhere
+    hidden = draw_hidden("leg.xml", rng, effects=["coulomb_friction"])     # this one, somewhere
     nominal = run_hardware("leg.xml", targets, seed=0)
-    hidden = draw_hidden("leg.xml", rng, peak_effort=peak_effort(nominal))
+    hidden = draw_hidden("leg.xml", rng, nominal=nominal)                  # any effect
+    loudness(nominal, run_hardware("leg.xml", targets, hidden=[hidden], seed=0))
 
-Sizes are what one meets on real robots, in proportion to the model: friction and bias to the
-drives' effort limit, gains and viscosity to the servos', inertia and payload to the bodies'.
+Sizes are what one meets on real robots; see `walkerkit.gap.rehearsal.hidden_sizes`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -22,14 +21,24 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.rehearsal.hardware_drive import Drives, load_rig
-from walkerkit.gap.rehearsal.hidden import HIDEABLE, HiddenEffect
+from walkerkit.gap.rehearsal.hardware_drive import load_rig
+from walkerkit.gap.rehearsal.hardware_log import COUNTS, EFFORT_NOISE, POSITION_NOISE
+from walkerkit.gap.rehearsal.hidden import HiddenEffect
+from walkerkit.gap.rehearsal.hidden_sizes import ASKED, Usual, joint_sizes
+from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NAMELESS
 
 Array = NDArray[np.float64]
 
-_DELAYS = ("command_delay", "sensor_delay")
+_ROTORS = ("backlash", "series_elasticity")
 _FELT: Final = 0.25  # least share of the greatest lever for a body worth loading
-_SWING: Final = 0.5  # rad: the error that takes all effort of a servo without a limit
+_SKEW: Final = (0.0005, 0.0015)
+_SLIPPERY: Final = (0.25, 0.45)  # as of wet tiles
+_SINK: Final = (0.003, 0.01)  # m, of each of four feet that carry a robot
+_KNOWN = {**HIDEABLE, **GROUND, **NAMELESS}
+_NOISE = {
+    "position": float(np.hypot(POSITION_NOISE, 2 * np.pi / COUNTS / np.sqrt(12))),
+    "effort": EFFORT_NOISE,
+}
 
 
 def draw_hidden(
@@ -37,137 +46,121 @@ def draw_hidden(
     rng: np.random.Generator,
     effects: Sequence[str] | None = None,
     *,
-    peak_effort: Mapping[str, float] | None = None,
+    nominal: Sequence[Recording] | None = None,
+    places: Sequence[str] | None = None,
 ) -> HiddenEffect:
     """Draws an effect for simulated hardware.
 
     Half the time a joint effect sits in one joint, else in all of them, each with its own size. A
-    delay is shared by all joints, a payload sits on one body.
+    shared one, a delay for example, is in all with one value; a payload sits on one body. The
+    ground is drawn only by name.
 
     Args:
         model_xml_path: the robot's MJCF.
         rng: source of the draw.
-        effects: names to choose from, each as likely as the others; by default all of `HIDEABLE`,
-            `effort_limit` only where `peak_effort` is known.
-        peak_effort: the largest effort of each joint in the experiments, N·m; see `peak_effort`.
+        effects: names to choose from, each as likely as the others; by default all of `HIDEABLE`
+            that this robot can have.
+        nominal: experiments of the robot with nothing hidden, without which no limit can be drawn.
+        places: the joints that have a joint effect, or the body that has a body's; drawn by
+            default.
 
     Returns:
         The effect.
 
     Raises:
-        InputError: an unusable model or name, or an effort limit without its peak efforts.
+        InputError: an unusable model or name, or an effect that this robot cannot have.
     """
-    if effects is None:
-        effects = [name for name in HIDEABLE if name != "effort_limit" or peak_effort is not None]
-    for name in effects:
-        if name not in HIDEABLE:
+    model, drives = load_rig(model_xml_path)
+    rotors = [
+        n for n, dof in zip(drives.joints, drives.dofs, strict=True) if model.dof_armature[dof]
+    ]
+    for name in effects or ():
+        if name not in _KNOWN:
             raise InputError(
                 f"effect {name!r} cannot be hidden{closest(name, HIDEABLE)}; choose from "
                 f"{', '.join(HIDEABLE)}"
             )
-    if not effects:
-        raise InputError("effects is empty; name at least one, or None for all")
-    effect = effects[int(rng.integers(len(effects)))]
-    model, drives = load_rig(model_xml_path)
-    if effect == "base_tilt":
-        size, direction = rng.uniform(0.05, 0.15), rng.uniform(-np.pi, np.pi)
-        values = {"roll": size * np.cos(direction), "pitch": size * np.sin(direction)}
-        return HiddenEffect(effect=effect, values=values)
-    if effect == "payload":
-        return _payload(model, rng)
-    if effect in _DELAYS:
-        values = {"delay": rng.uniform(0.004, 0.016)}
+    possible = [
+        name
+        for name in (HIDEABLE if effects is None else effects)
+        if (name not in ASKED or nominal is not None)
+        and (name not in _ROTORS or rotors)
+        and (name != "supply_sag" or np.isfinite(drives.effort_range[1]).all())
+    ]
+    if not possible:
+        raise InputError(
+            f"of {', '.join(effects or ()) or 'no effects'} this robot can have none; name others. "
+            f"{', '.join(ASKED)} need nominal=recordings of the robot with nothing hidden, "
+            f"{' and '.join(_ROTORS)} joints with an armature, supply_sag drives with a limit"
+        )
+    effect = possible[int(rng.integers(len(possible)))]
+    usual = None if nominal is None else Usual.of(nominal, drives.joints)
+    match effect:
+        case "base_tilt":
+            size, direction = rng.uniform(0.05, 0.15), rng.uniform(-np.pi, np.pi)
+            values = {"roll": size * np.cos(direction), "pitch": size * np.sin(direction)}
+            return HiddenEffect(effect=effect, values=values)
+        case "clock_skew":
+            return HiddenEffect(
+                effect=effect, values={"skew": rng.choice([-1.0, 1.0]) * rng.uniform(*_SKEW)}
+            )
+        case "payload" | "com_offset":
+            return _on_a_body(effect, model, rng, places)
+        case "ground_friction":
+            return HiddenEffect(effect=effect, values={"friction": rng.uniform(*_SLIPPERY)})
+        case "ground_compliance":
+            weight = float(np.linalg.norm(model.opt.gravity) * model.body_mass.sum())
+            return HiddenEffect(
+                effect=effect, values={"stiffness": 0.25 * weight / rng.uniform(*_SINK)}
+            )
+    sizes = joint_sizes(effect, model, drives, usual, rng)
+    if _KNOWN[effect].shared:
+        values = {parameter: float(size[0]) for parameter, size in sizes.items()}
         return HiddenEffect(effect=effect, joints=("*",), values=values)
-    sizes = _sizes(effect, model, drives, rng, peak_effort)
-    joints = drives.joints
-    if len(joints) > 1 and rng.uniform() < 0.5:
-        joints = (joints[int(rng.integers(len(joints)))],)
-    values = {
-        f"{joint}/{parameter}": float(size[drives.joints.index(joint)])
-        for joint in joints
-        for parameter, size in sizes.items()
-    }
-    return HiddenEffect(effect=effect, joints=joints, values=values)
+    given, places = places, tuple(places or (rotors if effect in _ROTORS else drives.joints))
+    if given is None and len(places) > 1 and rng.uniform() < 0.5:
+        places = (places[int(rng.integers(len(places)))],)
+    return HiddenEffect(
+        effect=effect,
+        joints=places,
+        values={
+            f"{joint}/{parameter}": float(size[drives.joints.index(joint)])
+            for joint in places
+            for parameter, size in sizes.items()
+        },
+    )
 
 
-def peak_effort(recordings: Sequence[Recording]) -> dict[str, float]:
-    """The largest effort that each joint's drive reports, N·m.
+def loudness(
+    nominal: Sequence[Recording],
+    other: Sequence[Recording],
+    signals: Sequence[str] = ("position", "effort"),
+) -> dict[str, float]:
+    """How far logs of a robot differ from those with nothing hidden in it, in standard deviations.
 
     Args:
-        recordings: experiments of a robot with nothing hidden.
+        nominal: experiments with nothing hidden.
+        other: the same experiments with the same seed, with something hidden.
+        signals: those that count.
 
     Returns:
-        Joint to effort.
+        Joint to the root mean square of the difference over the noise, of the recording and signal
+        where that is largest.
     """
-    peaks: dict[str, float] = {}
-    for recording in recordings:
-        for column, values in recording.columns.items():
+    most: dict[str, float] = {}
+    for one, two in zip(nominal, other, strict=True):
+        for column, values in one.columns.items():
             joint, _, signal = column.rpartition("/")
-            if signal == "effort":
-                peaks[joint] = max(peaks.get(joint, 0.0), float(np.abs(values).max()))
-    return peaks
+            if signal in signals:
+                apart = float(np.sqrt(np.mean((values - two.columns[column]) ** 2)))
+                most[joint] = max(most.get(joint, 0.0), apart / _NOISE[signal])
+    return most
 
 
-def _sizes(
-    effect: str,
-    model: mujoco.MjModel,
-    drives: Drives,
-    rng: np.random.Generator,
-    peaks: Mapping[str, float] | None,
-) -> dict[str, Array]:
-    """A size of each of the effect's parameters at each joint, shape (n_joints,)."""
-    n = len(drives.joints)
-    kp, inertia = drives.gain, model.dof_M0[drives.dofs]
-    kd = np.where(drives.bias[2] < 0, -drives.bias[2], 2 * np.sqrt(kp * inertia))
-    strongest = np.abs(drives.effort_range).max(axis=0)
-    strongest = np.where(np.isfinite(strongest), strongest, kp * _SWING)
-    sign = rng.choice([-1.0, 1.0], n)
-
-    def share(low: float, high: float) -> Array:
-        return rng.uniform(low, high, n)
-
-    match effect:
-        case "viscous_friction":
-            return {"damping": share(0.05, 0.2) * kd}
-        case "coulomb_friction":
-            return {"frictionloss": share(0.01, 0.05) * strongest}
-        case "armature":
-            return {"armature": share(0.15, 0.6) * inertia.mean()}
-        case "position_gain":
-            return {"delta_kp": sign * share(0.15, 0.35) * kp}
-        case "velocity_gain":
-            # A servo without velocity gain has none to lose.
-            return {"delta_kd": np.where(drives.bias[2] < 0, sign, 1) * share(0.25, 0.6) * kd}
-        case "torque_constant":
-            return {"alpha": sign * share(0.1, 0.25)}
-        case "effort_limit":
-            return {"forcerange": share(0.4, 0.75) * _peaks(drives, peaks)}
-        case "encoder_offset":
-            return {"offset": sign * share(0.03, 0.1)}
-        case "torque_bias":
-            return {"bias": sign * share(0.017, 0.067) * strongest}
-        case "parallel_spring":
-            ids = model.dof_jntid[drives.dofs]
-            lower, upper = np.where(model.jnt_limited[ids], model.jnt_range[ids].T, 0.0)
-            return {
-                "stiffness": share(0.017, 0.083) * kp,
-                "springref": lower + share(0.1, 0.9) * (upper - lower),
-            }
-    raise ValueError(f"{effect} has no size at a joint")
-
-
-def _peaks(drives: Drives, peaks: Mapping[str, float] | None) -> Array:
-    if peaks is None or not set(drives.joints) <= set(peaks):
-        raise InputError(
-            f"effort_limit is drawn in proportion to the peak effort of {', '.join(drives.joints)}"
-            f", and peak_effort has {', '.join(peaks or {}) or 'none'}; give "
-            "peak_effort=peak_effort(recordings of the robot with nothing hidden)"
-        )
-    return np.array([peaks[joint] for joint in drives.joints])
-
-
-def _payload(model: mujoco.MjModel, rng: np.random.Generator) -> HiddenEffect:
-    """A payload on a body whose centre of mass the joints move."""
+def _on_a_body(
+    effect: str, model: mujoco.MjModel, rng: np.random.Generator, places: Sequence[str] | None
+) -> HiddenEffect:
+    """A payload or a moved centre of mass, on a body whose mass the joints move."""
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -179,8 +172,16 @@ def _payload(model: mujoco.MjModel, rng: np.random.Generator) -> HiddenEffect:
         felt[body] = np.abs(jacobian).max()
     named = [b for b in range(model.nbody) if model.body(b).name and felt[b] > _FELT * felt.max()]
     if not named:
-        raise InputError("the model has no named body that its joints move; name one for a payload")
-    moving = float(model.body_mass[felt > 0].sum())
-    values = {"mass": rng.uniform(0.05, 0.2) * moving}
-    body = model.body(named[int(rng.integers(len(named)))]).name
-    return HiddenEffect(effect="payload", bodies=(body,), values=values)
+        raise InputError(
+            f"the model has no named body that its joints move; name one for a {effect}"
+        )
+    body = model.body(places[0] if places else named[int(rng.integers(len(named)))])
+    if effect == "payload":
+        moving = float(model.body_mass[felt > 0].sum())
+        values = {"mass": rng.uniform(0.05, 0.2) * moving}
+    else:
+        gyration = float(np.sqrt(0.5 * body.inertia.sum() / body.mass[0]))
+        direction = rng.standard_normal(3)
+        shift = rng.uniform(0.2, 0.5) * gyration * direction / np.linalg.norm(direction)
+        values = dict(zip("xyz", map(float, shift), strict=True))
+    return HiddenEffect(effect=effect, bodies=(body.name,), values=values)

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
-from walkerkit.gap.rehearsal.hidden import HIDEABLE, HiddenEffect
-from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, peak_effort
+from walkerkit.gap.rehearsal.hidden import HiddenEffect
+from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, loudness
+from walkerkit.gap.rehearsal.hideable import HIDEABLE
 from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.tasks.excitation import BATTERY
 
@@ -30,6 +31,8 @@ LONGEST = 3600.0  # s
 _ROOM = 0.35  # part of a joint's range that the targets use, around its home
 _DEFAULT_ROOM = 0.5  # rad, where a joint has no range
 _SPEED = 6.0  # rad/s
+LOUD = 5.0  # standard deviations of the noise, by which a log has to show what is hidden
+_DRAWS, _GROWTHS, _GROWTH = 8, 4, 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,12 +84,73 @@ def rehearse(
     sent = [
         signal(time, lower=lower, upper=upper, rng=rng, max_velocity=_SPEED) for signal in targets
     ]
-    nominal = peak_effort(run_hardware(model, sent, seed=seed))
-    hidden: list[HiddenEffect] = []
-    for choice in [None] if hide is None else [[name] for name in names]:
-        hidden.append(draw_hidden(model, rng, choice, peak_effort=nominal))
-    recordings = run_hardware(model, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
+    choices = [None] if hide is None else [[name] for name in names]
+    nominal = run_hardware(model, sent, seed=seed, names=EXPERIMENTS)
+    hidden, recordings = [], nominal
+    for choice in choices:
+        effect, recordings = draw_loud(model, sent, rng, choice, nominal=nominal, seed=seed)
+        hidden.append(effect)
+    if len(hidden) > 1:
+        recordings = run_hardware(model, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
     return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
+
+
+def draw_loud(
+    model: str | Path,
+    targets: Sequence[FloatArray],
+    rng: np.random.Generator,
+    effects: Sequence[str] | None = None,
+    *,
+    nominal: Sequence[Recording],
+    seed: int,
+    places: Sequence[str] | None = None,
+    signals: Sequence[str] = ("position", "effort"),
+    substeps: int = 4,
+) -> tuple[HiddenEffect, list[Recording]]:
+    """Draws an effect that shows in the last experiment, so that finding it can be asked for.
+
+    What does not show well above the noise, at each of its joints, is made stronger, what makes the
+    robot unstable weaker, and what stays too weak or too strong is drawn again.
+
+    Args:
+        model: MJCF file of a robot with plain position actuators.
+        targets: the experiments, as for `run_hardware`.
+        rng: source of the draw.
+        effects: names to choose from, as for `draw_hidden`.
+        nominal: the experiments with nothing hidden, with their names.
+        seed: of the noise, that of `nominal`.
+        places: the joints or the body that have it, as for `draw_hidden`; drawn by default.
+        signals: where it has to show, in one of them.
+        substeps: as for `run_hardware`.
+
+    Returns:
+        The effect and the experiments with it.
+
+    Raises:
+        InputError: none of the effects can be made to show.
+    """
+    names = [recording.name for recording in nominal]
+    for _ in range(_DRAWS):
+        hidden = draw_hidden(model, rng, effects, nominal=nominal, places=places)
+        for _ in range(_GROWTHS):
+            try:
+                found = run_hardware(
+                    model, targets, seed=seed, hidden=[hidden], names=names, substeps=substeps
+                )
+            except RuntimeError:
+                hidden = hidden.stronger(1 / _GROWTH**2)
+                continue
+            loud = loudness(nominal[-1:], found[-1:], signals)
+            own = [joint for joint in hidden.joints if joint != "*"]
+            quiet = [joint for joint in own or loud if loud[joint] < LOUD]
+            # An effect of all or of a body may show at some joints only.
+            if not quiet or (not own and len(quiet) < len(loud)):
+                return hidden, found
+            hidden = hidden.stronger(_GROWTH, quiet if own else None)
+    raise InputError(
+        f"{', '.join(effects or HIDEABLE)}: none shows in the last experiment; let it move more, "
+        "or hide something else"
+    )
 
 
 def _room(robot: Robot) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from walkerkit.gap.report import wording
-from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
+from walkerkit.gap.report.diagnosis import Diagnosis, Hint, NamedEffect
 from walkerkit.gap.report.quantity import percent, quantity
 
 _TOP = 3  # locations shown
@@ -36,14 +36,18 @@ def render(diagnosis: Diagnosis) -> RenderableType:
         wording.verdict_sentence(diagnosis),
     )
     parts: list[RenderableType] = [verdict]
-    if diagnosis.locations:
+    if diagnosis.locations and diagnosis.verdict != "no_gap":
         parts += [_heading("Where"), _locations(diagnosis)]
     if diagnosis.effects:
         parts += [_heading("Effects, in the order in which they were added"), _effects(diagnosis)]
         parts += [Text(warning) for warning in wording.warnings(diagnosis)]
     doubts = [*wording.doubts(diagnosis), wording.advice(diagnosis)]
-    parts += [Text(f"\n{doubt}") for doubt in doubts if doubt]
+    if doubts[0]:
+        parts.append(_heading("What cannot be told apart, and what would tell"))
+    parts += [Text(doubt) for doubt in doubts if doubt]
     parts += [_heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis.gap))]
+    if diagnosis.hints:
+        parts += [_heading("Stopgaps, which explain nothing"), *map(_hint, diagnosis.hints)]
     if diagnosis.notes:
         parts += [_heading("Notes"), _notes(diagnosis)]
     return Group(*parts)
@@ -102,7 +106,7 @@ def _effects(diagnosis: Diagnosis) -> Table:
     )
     unit = diagnosis.gap.position.unit
     for named in diagnosis.effects:
-        sure, after = percent(named.confidence), quantity(named.gap_after, unit)
+        sure, after = wording.sure(named.confidence), quantity(named.gap_after, unit)
         first = [wording.label(named.effect), sure, after]
         for place, name, value, its_unit in _parameters(named):
             _add(table, first[0], place, name, value, its_unit, *first[1:])
@@ -119,6 +123,12 @@ def _parameters(named: NamedEffect) -> list[tuple[str, str, str, str]]:
         rows.append((wording.site(place), wording.label(of.name), text, unit))
     sites = wording.listed([wording.site(name) for name in named.joints or named.bodies])
     return rows or [(sites, "", "", "")]
+
+
+def _hint(hint: Hint) -> Text:
+    written = f" It goes to {wording.label(hint.file)} beside the model." if hint.file else ""
+    title, statement = wording.label(hint.title), wording.label(hint.statement)
+    return Text(f"{title}: {statement}. With it, {wording.hint_gap(hint)}.{written}")
 
 
 def _sizes(diagnosis: Diagnosis) -> Table:

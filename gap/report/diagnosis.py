@@ -8,6 +8,7 @@ diagnosis.to_json()               # diagnosis.json
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -68,12 +69,30 @@ class Location:
         regime: when, e.g. `velocity_reversal`.
         share: part of the squared gap of all joints that falls there.
         lift: that part over the part of the samples.
+        rms: root-mean-square gap there, in the joint's unit; not in the JSON.
     """
 
     joint: str
     regime: str
     share: float
     lift: float
+    rms: float = float("nan")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapMap:
+    """The gap of one signal in every regime of every joint.
+
+    Attributes:
+        signal: `position` or `effort`.
+        unit: unit of the gaps.
+        before, after: its cells with the model as it was given, and as mended.
+    """
+
+    signal: str
+    unit: str
+    before: tuple[Location, ...]
+    after: tuple[Location, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +106,7 @@ class Estimate:
         std: its standard error; None at a bound, and where the recordings say nothing of it.
         unit: its unit.
         at_bound: it ran into the bound of its range, so that it is no estimate.
+        lower, upper: the bounds of its range; not in the JSON.
     """
 
     name: str
@@ -95,6 +115,8 @@ class Estimate:
     std: float | None
     unit: str
     at_bound: bool
+    lower: float = -math.inf
+    upper: float = math.inf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +131,9 @@ class NamedEffect:
         parameters: its numbers.
         gap_after: position gap once it and all before it are added.
         indistinguishable_from: effects that these recordings cannot tell from it.
+        gaps_after: as `gap_after`, by signal; not in the JSON.
+        equivalent: those of them that no recording of these signals can tell from it, each with the
+            reason, a sentence; `reasons` in the JSON.
     """
 
     effect: str
@@ -118,6 +143,8 @@ class NamedEffect:
     parameters: tuple[Estimate, ...]
     gap_after: float
     indistinguishable_from: tuple[str, ...]
+    gaps_after: Mapping[str, float] = field(default_factory=dict)
+    equivalent: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,15 +170,47 @@ class NextExperiment:
     """The excitation that would best tell the members of a confusion set apart.
 
     Attributes:
-        excitation: its name in `walkerkit.tasks.excitation`.
+        excitation: its name in `walkerkit.tasks.excitation`, or `release`.
         between: the effects.
-        separation: predicted difference of the nearest two, in standard deviations of the noise.
+        separation: predicted difference of the nearest two, in standard deviations of what the
+            explanation leaves.
         file: name of the target file that was written, or None.
+        set_up: what is changed of the robot, `as_it_is` for nothing.
+        instruction: the same in sentences, empty for nothing.
+        model: name of the model file with the changed set-up, or None where nothing of it changes.
     """
 
     excitation: str
     between: tuple[str, ...]
     separation: float
+    file: str | None = None
+    set_up: str = "as_it_is"
+    instruction: str = ""
+    model: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hint:
+    """A stopgap where no effect of the catalogue fits: it shrinks the gap and explains nothing.
+
+    Attributes:
+        kind: `formula` for the effort that is missing, or `learned` for a network as a drive.
+        joint: where.
+        title: what it is, e.g. `sparse formula at knee`.
+        statement: the formula, or what was learned, in a line.
+        signal: whose held-out gap the sizes are, or `missing_effort`.
+        size: that gap without it and with it.
+        use: code to copy, or "".
+        file: name of the file that was written, or None.
+    """
+
+    kind: Literal["formula", "learned"]
+    joint: str
+    title: str
+    statement: str
+    signal: str
+    size: GapSize
+    use: str = ""
     file: str | None = None
 
 
@@ -165,6 +224,7 @@ class Trace:
         held_out: whether the recording was held out.
         time: (n,) [s].
         measured, before, after: (n,) each, simulated with the model as given and as mended.
+        target: (n,) what was commanded, in the same unit, or None.
     """
 
     recording: str
@@ -176,6 +236,7 @@ class Trace:
     measured: FloatArray
     before: FloatArray
     after: FloatArray
+    target: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,6 +256,8 @@ class Diagnosis:
         traces: measured and simulated signals.
         seconds: wall time.
         searched: whether effects were looked for, or the gap was only measured.
+        maps: where the gap of each signal lives, before and after; not in the JSON.
+        hints: stopgaps for what remains.
     """
 
     verdict: Verdict
@@ -209,6 +272,8 @@ class Diagnosis:
     traces: tuple[Trace, ...] = field(repr=False)
     seconds: float
     searched: bool = True
+    maps: tuple[GapMap, ...] = field(default=(), repr=False)
+    hints: tuple[Hint, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json, schema 1."""
@@ -247,14 +312,8 @@ class Diagnosis:
                 for at in self.locations
             ],
             "effects": [_effect(named) for named in self.effects],
-            "next_experiment": None
-            if self.next_experiment is None
-            else {
-                "excitation": self.next_experiment.excitation,
-                "between": list(self.next_experiment.between),
-                "separation": self.next_experiment.separation,
-                "file": self.next_experiment.file,
-            },
+            "next_experiment": _next_experiment(self.next_experiment),
+            **({"hints": [_hint(hint) for hint in self.hints]} if self.hints else {}),
             "recordings": list(self.recordings),
             "notes": list(self.notes),
             "seconds": self.seconds,
@@ -263,6 +322,23 @@ class Diagnosis:
     def to_json(self) -> str:
         """diagnosis.json; numbers carry six significant digits."""
         return json.dumps(_rounded(self.to_dict()), indent=2, ensure_ascii=False) + "\n"
+
+
+def _next_experiment(wanted: NextExperiment | None) -> dict[str, Any] | None:
+    if wanted is None:
+        return None
+    changed = {
+        "set_up": wanted.set_up,
+        "instruction": wanted.instruction,
+        "model": wanted.model,
+    }
+    return {
+        "excitation": wanted.excitation,
+        "between": list(wanted.between),
+        "separation": wanted.separation,
+        "file": wanted.file,
+        **(changed if wanted.instruction else {}),
+    }
 
 
 def _effect(named: NamedEffect) -> dict[str, Any]:
@@ -286,6 +362,21 @@ def _effect(named: NamedEffect) -> dict[str, Any]:
         ],
         "gap_after": named.gap_after,
         "indistinguishable_from": list(named.indistinguishable_from),
+        **({"reasons": dict(named.equivalent)} if named.equivalent else {}),
+    }
+
+
+def _hint(hint: Hint) -> dict[str, Any]:
+    return {
+        "kind": hint.kind,
+        "joint": hint.joint,
+        "statement": hint.statement,
+        "signal": hint.signal,
+        "unit": hint.size.unit,
+        "before": hint.size.before,
+        "after": hint.size.after,
+        "held_out": True,
+        "file": hint.file,
     }
 
 

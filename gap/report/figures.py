@@ -8,135 +8,122 @@ whoever embeds the specification in a page.
 from __future__ import annotations
 
 import html
-import itertools
 import json
 import math
 import textwrap
-from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from walkerkit.gap.report import wording
-from walkerkit.gap.report.diagnosis import Diagnosis, GapSize, Location, Trace
-from walkerkit.gap.report.quantity import number, percent, quantity, scale
+from walkerkit.gap.report.diagnosis import Diagnosis
+from walkerkit.gap.report.quantity import percent, quantity, scale
 
-FloatArray = NDArray[np.float64]
 Specification = dict[str, Any]
 
 BLACK, SKY, BLUE, VERMILLION, GREY = "#000000", "#56B4E9", "#0072B2", "#D55E00", "#767676"
-POINTS = 2000  # of a trace; more than a screen has columns
 _FONT = {"family": "system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif", "size": 13}
-_BLUES = [[0.0, "#FFFFFF"], [0.5, "#8FC3E4"], [1.0, "#00588A"]]  # monotone in lightness
-_NAME_WIDTH, _STEP_WIDTH = 20, 46  # characters of a line that a phone has room for
+_STEP_WIDTH = 42  # characters of a line that a phone has room for
 _LEGEND = {"orientation": "h", "x": 0, "y": 1, "xanchor": "left", "yanchor": "bottom"}
+_BAR = 0.4  # of a step's height
 
 
-def steps(diagnosis: Diagnosis) -> Specification:
-    """The gap shrinking: as given, after each effect, and the two floors as lines."""
-    gap = diagnosis.gap
-    sizes = [("model as given", gap.position.before)]
-    sizes += [(f"+ {wording.step(named)}", named.gap_after) for named in diagnosis.effects]
-    written = [quantity(size, gap.position.unit) for _, size in sizes]
-    if diagnosis.effects and written[-1] != quantity(gap.position.after, gap.position.unit):
-        sizes.append(("all, fitted together", gap.position.after))
-    floors = (("noise floor", gap.position.noise_floor), ("numerical floor", gap.numerical_floor))
-    largest = max((size for _, size in (*sizes, *floors) if math.isfinite(size)), default=0.0)
-    unit = scale(largest, gap.position.unit)
+def waterfall(diagnosis: Diagnosis) -> Specification:
+    """The gap shrinking: as given, what each effect takes away, and the floors as lines.
+
+    It is the gap of the position, or of the signal that shrank where position hides the change.
+    """
+    signal, size = wording.telling(diagnosis.gap)
+    steps = _steps(diagnosis, signal)
+    floors = [("noise floor", size.noise_floor, "dash", BLACK)]
+    if signal == "position":
+        floors.append(("numerical floor", diagnosis.gap.numerical_floor, "dot", GREY))
+    sizes = [after for _, _, after in steps]
+    known = (x for x in (*sizes, *(floor for _, floor, _, _ in floors)) if math.isfinite(x))
+    largest = max(known, default=0.0)
+    unit = scale(largest, size.unit)
+    rows = [row + 0.05 for row in range(len(steps))]
     figure = go.Figure(
         go.Bar(
-            x=[size * unit.factor for _, size in sizes],
-            y=[row + 0.05 for row in range(len(sizes))],
+            x=[after * unit.factor for after in sizes],
+            y=rows,
             orientation="h",
-            width=0.4,
-            text=[_with_change(size, sizes[0][1], gap.position.unit) for _, size in sizes],
-            textposition="outside",
-            cliponaxis=False,
+            width=_BAR,
             hoverinfo="skip",
             showlegend=False,
             marker={
-                "color": [VERMILLION, *[BLUE] * (len(sizes) - 1)],
-                "pattern": {"shape": ["/", *[""] * (len(sizes) - 1)], "size": 6},
+                "color": [VERMILLION, *[BLUE] * (len(steps) - 1)],
+                "pattern": {"shape": ["/", *[""] * (len(steps) - 1)], "size": 6},
             },
         )
     )
-    ends = [-0.7, len(sizes) - 0.6]
-    for (name, size), dash, color in zip(floors, ("dash", "dot"), (BLACK, GREY), strict=True):
+    for name, sign, color, shape in (
+        ("taken away", 1, SKY, "\\"),
+        ("added", -1, VERMILLION, "x"),
+    ):
+        changes = [
+            (row, min(before, after), abs(before - after))
+            for row, (_, before, after) in zip(rows, steps, strict=True)
+            if math.isfinite(before - after) and sign * (before - after) > 0
+        ]
+        if changes:
+            figure.add_bar(
+                x=[change * unit.factor for _, _, change in changes],
+                base=[start * unit.factor for _, start, _ in changes],
+                y=[row for row, _, _ in changes],
+                orientation="h",
+                width=_BAR,
+                name=name,
+                hoverinfo="skip",
+                marker={
+                    "color": "#FFFFFF",
+                    "line": {"color": color, "width": 1},
+                    "pattern": {"shape": shape, "fgcolor": color, "size": 5, "solidity": 0.25},
+                },
+            )
+    ends = [-0.7, len(steps) - 0.6]
+    for name, floor, dash, color in floors:
         figure.add_scatter(
-            x=[size * unit.factor] * 2,
+            x=[floor * unit.factor] * 2,
             y=ends,
             mode="lines",
-            name=f"{name} ({quantity(size, gap.position.unit)})",
+            name=f"{name}, {quantity(floor, size.unit)}",
             line={"color": color, "dash": dash, "width": 2},
             hoverinfo="skip",
         )
-    for row, (name, _) in enumerate(sizes):
-        figure.add_annotation(
-            x=0,
-            y=row - 0.22,
-            text=_short(name, _STEP_WIDTH, 1),
-            showarrow=False,
-            xanchor="left",
-            yanchor="bottom",
-            bgcolor="#FFFFFF",  # over the lines of the floors
-            borderpad=0,
-        )
-    figure.update_xaxes(title=f"position error, rms [{unit.unit}]", fixedrange=True)
-    figure.update_xaxes(range=[0, 1.5 * largest * unit.factor or 1], zeroline=False)
+    for row, (name, before, after) in enumerate(steps):
+        _label(figure, 0, row - 0.22, _short(name), anchor="bottom")
+        shown = [x for x in (before, after) if math.isfinite(x)]
+        end = max(shown, default=0.0) * unit.factor
+        text = _with_change(after, size.before, size.unit)
+        _label(figure, end, row + 0.05, f" {_literal(text)}", anchor="middle")
+    title = f"{wording.words(signal)} error, rms [{unit.unit}]"
+    figure.update_xaxes(title=title, fixedrange=True)
+    figure.update_xaxes(range=[0, 1.8 * largest * unit.factor or 1], zeroline=False)
     figure.update_yaxes(
         range=ends[::-1], fixedrange=True, showgrid=False, zeroline=False, showticklabels=False
     )
-    return _specification(figure, height=110 + 56 * len(sizes), above=44)
+    figure.update_layout(barmode="overlay")
+    return _specification(figure, height=120 + 56 * len(steps), above=56)
 
 
-def heat_map(
-    locations: Sequence[Location], joints: Sequence[str], regimes: Sequence[str]
-) -> Specification:
-    """Share of the squared gap, joint by regime, with the lift in the hover."""
-    cells = {(at.joint, at.regime): at for at in locations}
-    grid = [[cells.get((joint, regime)) for regime in regimes] for joint in joints]
-    top = max((at.share for at in locations), default=0.0) or 1.0
-    figure = go.Figure(
-        go.Heatmap(
-            z=[[at and at.share for at in row] for row in grid],
-            zmin=0,
-            zmax=top,
-            colorscale=_BLUES,
-            showscale=False,
-            xgap=1,
-            ygap=1,
-            hoverongaps=False,
-            hovertext=[[at and _location_text(at) for at in row] for row in grid],
-            hovertemplate="%{hovertext}<extra></extra>",
-            text=[[_share(at) for at in row] for row in grid],
-            texttemplate="%{text}",
-            textfont={"size": 11},
-        )
-    )
-    figure.update_xaxes(
-        tickvals=list(range(len(regimes))),
-        ticktext=[_short(wording.words(regime), _NAME_WIDTH, 2) for regime in regimes],
-        tickangle=-90,
-        showgrid=False,
-        zeroline=False,
-        fixedrange=True,
-    )
-    figure.update_yaxes(
-        tickvals=list(range(len(joints))),
-        ticktext=[_short(wording.site(joint), _NAME_WIDTH, 2) for joint in joints],
-        range=[len(joints) - 0.5, -0.5],
-        showgrid=False,
-        zeroline=False,
-        fixedrange=True,
-    )
-    return _specification(figure, height=190 + 34 * len(joints), above=8, below=110)
+def _steps(diagnosis: Diagnosis, signal: str) -> list[tuple[str, float, float]]:
+    """What was done, the gap before it and after it; the first is the model as it was given."""
+    size = wording.signals(diagnosis.gap)[signal]
+    found = [("model as given", size.before, size.before)]
+    for named in diagnosis.effects:
+        known = {"position": named.gap_after, **named.gaps_after}
+        if signal in known:
+            found.append((f"+ {wording.step(named)}", found[-1][2], known[signal]))
+    last = found[-1][2]
+    if diagnosis.effects and quantity(last, size.unit) != quantity(size.after, size.unit):
+        found.append(("all, fitted together", last, size.after))
+    return found
 
 
 def comparison(mended: bool) -> Specification:
-    """Axes and empty series for a `comparison_choice`: the signal, and the errors below it.
+    """Axes and empty series: the signal, and the errors below it; the page fills them in.
 
     Args:
         mended: whether there is a mended model to show beside the one that was given.
@@ -147,7 +134,11 @@ def comparison(mended: bool) -> Specification:
     lines = {"as given": {"color": VERMILLION, "dash": "dot", "width": 1.8}}
     if mended:
         lines["mended"] = {"color": BLUE, "dash": "dash", "width": 1.8}
-    for row, shown in (1, {"measured": {"color": BLACK, "width": 1.4}} | lines), (2, lines):
+    signals = {
+        "measured": {"color": BLACK, "width": 1.4},
+        "commanded": {"color": GREY, "dash": "longdashdot", "width": 1},
+    }
+    for row, shown in (1, signals | lines), (2, lines):
         for name, line in shown.items():
             figure.add_scatter(
                 x=[], y=[], mode="lines", name=name, line=line, showlegend=row == 1, row=row, col=1
@@ -167,53 +158,20 @@ def comparison(mended: bool) -> Specification:
     )
     figure.update_xaxes(title="time [s]", row=2, col=1)
     figure.update_layout(hovermode="x unified", dragmode="zoom")
-    return _specification(figure, height=580, above=72)
+    return _specification(figure, height=580, above=84)
 
 
-def comparison_choice(trace: Trace, size: GapSize | None, mended: bool) -> Specification:
-    """One trace, as the two arguments of `Plotly.update`.
-
-    Args:
-        trace: what to show.
-        size: its gap, for the band of the noise floor; None for no band.
-        mended: as in `comparison`.
-    """
-    kept = decimated(trace)
-    simulated = (trace.before, trace.after) if mended else (trace.before,)
-    shown = [values[kept] for values in (trace.measured, *simulated)]
-    errors = [values - shown[0] for values in shown[1:]]
-    unit, error_unit = (scale(_largest(group), trace.unit) for group in (shown, errors))
-    floor = 0.0 if size is None else size.noise_floor * error_unit.factor
-    time = _rounded(trace.time[kept], digits=7)
-    series = [_rounded(values * unit.factor) for values in shown]
-    series += [_rounded(values * error_unit.factor) for values in errors]
-    signal = _literal(wording.words(trace.signal))
-    axes = [f"{axis}.autorange" for axis in ("xaxis", "xaxis2", "yaxis", "yaxis2")]
-    return {
-        "data": {"x": [time], "y": series},
-        "layout": {
-            "yaxis.title.text": f"{signal} [{_literal(unit.unit)}]",
-            "yaxis2.title.text": f"error [{_literal(error_unit.unit)}]",
-            "shapes[0].y0": -floor,
-            "shapes[0].y1": floor,
-            **dict.fromkeys(axes, True),
-        },
-    }
-
-
-def decimated(trace: Trace, points: int = POINTS) -> NDArray[np.intp]:
-    """Indices of about `points` samples, with the extremes of both errors among them."""
-    if trace.time.size <= points:
-        return np.arange(trace.time.size)
-    edges = np.linspace(0, trace.time.size, points // 4 + 1).astype(np.intp)
-    kept = [np.array([0, trace.time.size - 1], dtype=np.intp)]
-    for simulated in (trace.before, trace.after):
-        # A rollout that diverged has no error there, and its last finite sample is an extreme.
-        error = np.nan_to_num(simulated - trace.measured, nan=0.0, posinf=0.0, neginf=0.0)
-        for pick in (np.argmin, np.argmax):
-            picked = [a + pick(error[a:b]) for a, b in itertools.pairwise(edges)]
-            kept.append(np.array(picked, dtype=np.intp))
-    return np.unique(np.concatenate(kept))
+def _label(figure: go.Figure, x: float, y: float, text: str, *, anchor: str) -> None:
+    figure.add_annotation(
+        x=x,
+        y=y,
+        text=text,
+        showarrow=False,
+        xanchor="left",
+        yanchor=anchor,
+        bgcolor="#FFFFFF",  # over the lines of the floors
+        borderpad=0,
+    )
 
 
 def _with_change(size: float, before: float, unit: str) -> str:
@@ -224,40 +182,16 @@ def _with_change(size: float, before: float, unit: str) -> str:
     return f"{text} ({'+' if change > 0 else ''}{percent(change)})"
 
 
-def _location_text(at: Location) -> str:
-    return (
-        f"{_literal(wording.spot(at))}<br>{percent(at.share)} of the squared gap"
-        f"<br>lift {number(at.lift)}: that many times its share of the samples"
-    )
-
-
-def _share(at: Location | None) -> str:
-    return "" if at is None else _literal(percent(at.share).removesuffix(" %"))
-
-
-def _short(name: str, width: int, lines: int) -> str:
-    """A name on so many lines, broken at its underscores; the page has it in full elsewhere."""
+def _short(name: str) -> str:
+    """A name on one line, broken at its underscores; the page has it in full elsewhere."""
     apart = name.replace("_", "_ ")
-    wrapped = textwrap.wrap(apart, width, max_lines=lines, placeholder=" …")
-    return "<br>".join(_literal(line.replace("_ ", "_")) for line in wrapped)
+    (line, *_) = textwrap.wrap(apart, _STEP_WIDTH, max_lines=1, placeholder=" …")
+    return _literal(line.replace("_ ", "_"))
 
 
 def _literal(text: str) -> str:
     """Text that plotly shows as it is; it would read tags, and mathematics between dollars."""
     return html.escape(text, quote=False).replace("$", "&#36;")
-
-
-def _largest(group: Iterable[FloatArray]) -> float:
-    finite = (values[np.isfinite(values)] for values in group)
-    return max((float(np.abs(values).max(initial=0.0)) for values in finite), default=0.0)
-
-
-def _rounded(values: FloatArray, digits: int = 5) -> list[float | None]:
-    """Numbers to so many digits of their range, which no screen shows; None is a hole."""
-    finite = values[np.isfinite(values)]
-    size = float(np.ptp(finite)) if finite.size else 0.0
-    places = digits - 1 - math.floor(math.log10(size)) if size > 0 else 9
-    return [round(float(x), places) if math.isfinite(x) else None for x in values]
 
 
 def _specification(figure: go.Figure, height: int, above: int, below: int = 48) -> Specification:

@@ -51,10 +51,13 @@ def _notes(
             "better than holding them; the log seems to be as fast as the control loop itself."
         )
     if gap.horizon is not None:
+        floats = any(robot.base is not None for robot in problem.robots)
+        why = "The base floats" if floats else "Joints are driven by effort"
         yield (
-            f"Joints are driven by effort, so replays restart from the measured state every "
-            f"{gap.horizon:g} s; the noise floor leaves out what the restart's own error adds."
+            f"{why}, so replays restart from the measured state every {gap.horizon:g} s; the noise "
+            "floor leaves out what the restart's own error adds."
         )
+    yield from dict.fromkeys(note for robot in problem.robots for note in robot.notes)
     seen = {r.name: r for half in (problem.fit, problem.held) for g in half.recordings for r in g}
     for recording in seen.values():
         yield from (f"{recording.name}: {note}" for note in recording.notes)

@@ -6,16 +6,22 @@ import json
 import os
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.report.page import write_report
+from walkerkit.gap.report.planner import FILE as TARGETS
+from walkerkit.gap.report.planner import MODEL as CHANGED
 from walkerkit.gap.report.result import Result
 from walkerkit.gap.simulation.mend import write_model
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar
+from walkerkit.gap.stopgap.hints import stopgap_file
+from walkerkit.gap.stopgap.learned import LearnedDrive
 
 DIAGNOSIS, REPORT, MANIFEST = "diagnosis.json", "report.html", "experiments.toml"
 
@@ -78,16 +84,32 @@ def _write(result: Result, folder: Path) -> None:
     taken: dict[str, Path | str] = {}
     for name, robot in zip(names, result.robots, strict=True):
         write_model(robot, folder / name, taken)
+    robots = dict(zip(names, result.robots, strict=True))
+    robots |= _next_experiment(result, folder, taken)
     named = result.diagnosis.to_dict()["effects"]
-    content = sidecar(dict(zip(names, result.robots, strict=True)), named)
+    content = sidecar(robots, named)
+    if result.stopgaps:
+        content["models"][names[0]]["stopgap"] = {
+            drive.joint: _saved(drive, folder) for drive in result.stopgaps
+        }
     _write_text(folder / FILE, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
     if len(names) > 1:
         _write_text(folder / MANIFEST, _manifest(result, names))
-    _copy_next_experiment(result, folder)
     write_report(
-        result.diagnosis, folder / REPORT, title=result.robots[0].stem, catalogue=CATALOGUE
+        result.diagnosis,
+        folder / REPORT,
+        title=result.robots[0].stem,
+        catalogue=CATALOGUE,
+        models=names,
     )
     _write_text(folder / DIAGNOSIS, result.diagnosis.to_json())
+
+
+def _saved(drive: LearnedDrive, folder: Path) -> dict[str, Any]:
+    """Writes a learned drive's network; returns what its actuator config needs."""
+    file = stopgap_file(drive.joint)
+    drive.trained.save(folder / file)
+    return {**drive.fields(file), "lag": drive.lag}
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -130,7 +152,16 @@ def _files(recordings: Sequence[Recording]) -> list[str]:
     return list(dict.fromkeys(str(Path(r.source).resolve()) for r in recordings if r.source))
 
 
-def _copy_next_experiment(result: Result, folder: Path) -> None:
-    following = result.diagnosis.next_experiment
-    if following is not None and following.file and result.next_targets is not None:
-        result.next_targets.save(folder / following.file)
+def _next_experiment(
+    result: Result, folder: Path, taken: dict[str, Path | str]
+) -> dict[str, Robot]:
+    """Writes what to send next, and the model with a changed set-up where there is one."""
+    following = result.following
+    if following is None:
+        return {}
+    following.targets.save(folder / TARGETS)
+    if following.robot is None:
+        return {}
+    robot = replace(following.robot, hold=result.problem.hold)
+    write_model(robot, folder / CHANGED, taken)
+    return {CHANGED: robot}

@@ -13,7 +13,7 @@ import base64
 import hashlib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -23,12 +23,22 @@ import plotly.offline
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.report import figures, wording
-from walkerkit.gap.report.diagnosis import Considered, Diagnosis, GapSize, NamedEffect, Trace
-from walkerkit.gap.report.locate import EVERYWHERE as EVERY_REGIME
-from walkerkit.gap.report.quantity import percent, quantity
+from walkerkit.gap.report.diagnosis import (
+    Considered,
+    Diagnosis,
+    GapSize,
+    Hint,
+    Location,
+    NamedEffect,
+    Trace,
+)
+from walkerkit.gap.report.heat import HeatMap, heat_map
+from walkerkit.gap.report.quantity import percent, quantity, span
+from walkerkit.gap.report.samples import packed
 
 _ASSETS = files("walkerkit.gap.report") / "assets"
-_SHOWN = 8  # candidates of a round that are not folded away
+_SHOWN = 6  # candidates of a round that have a line of their own
+_PLACES = 5  # that stand out
 _VERDICTS = {"named": "named", "indistinguishable": "cannot be told apart", "lost": "lost"}
 
 
@@ -38,6 +48,7 @@ def write_report(
     *,
     title: str,
     catalogue: Mapping[str, Effect] | None = None,
+    models: Sequence[str] = ("model.xml",),
 ) -> None:
     """Writes the report.
 
@@ -46,6 +57,7 @@ def write_report(
         path: the HTML file; an existing one is replaced.
         title: heading of the page, e.g. the model's name.
         catalogue: where the equations of the named effects are looked up; None leaves them out.
+        models: names of the mended models that lie beside the report; none where nothing does.
 
     Raises:
         OSError: the file cannot be written.
@@ -58,6 +70,7 @@ def write_report(
     page = environment.from_string(_asset("report.html.j2")).render(
         _content(diagnosis, catalogue or {}),
         title=wording.label(title),
+        models=[wording.label(name) for name in models],
         style=_asset("report.css"),
         plotly_js=plotly_js,
         page_js=page_js,
@@ -79,10 +92,12 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
     traces = sorted(diagnosis.traces, key=lambda trace: not trace.held_out)  # stable
     return {
         "diagnosis": diagnosis,
-        "verdict": wording.TITLES[diagnosis.verdict],
+        "verdict": wording.title(diagnosis),
         "sentence": _tight(wording.verdict_sentence(diagnosis)),
         "basis": wording.basis(diagnosis.gap),
         "headline": _headline(diagnosis),
+        "maps": _maps(diagnosis),
+        "places": _places(diagnosis),
         "sizes": _sizes(diagnosis),
         "estimates": [_estimates(named) for named in diagnosis.effects],
         "explanations": [
@@ -92,14 +107,15 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
         ],
         "warnings": wording.warnings(diagnosis),
         "rounds": _rounds(diagnosis.considered),
-        "doubts": wording.doubts(diagnosis),
-        "advice": wording.advice(diagnosis),
+        "doubts": [_tight(doubt) for doubt in wording.doubts(diagnosis)],
+        "advice": _tight(wording.advice(diagnosis)),
+        "hints": [_hint(hint) for hint in diagnosis.hints],
         "notes": [wording.label(note) for note in diagnosis.notes],
         "recordings": [wording.label(name) for name in diagnosis.recordings],
         "choices": _choices(diagnosis, traces),
         "figures": _figures(diagnosis),
         "traces": [
-            figures.comparison_choice(trace, _floor(diagnosis, trace), bool(diagnosis.effects))
+            packed(trace, _floor(diagnosis, trace), mended=bool(diagnosis.effects))
             for trace in traces
         ],
     }
@@ -116,7 +132,34 @@ def _headline(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     if diagnosis.effects:
         numbers = [(f"{wording.words(signal)} error before", size.before), ("after", size.after)]
     numbers.append(("noise floor", size.noise_floor))
+    if signal == "position":
+        numbers.append(("numerical floor", diagnosis.gap.numerical_floor))
     return [(name, quantity(value, size.unit)) for name, value in numbers]
+
+
+def _maps(diagnosis: Diagnosis) -> list[HeatMap]:
+    """The map of the signal that tells first."""
+    first, _ = wording.telling(diagnosis.gap)
+    found = []
+    for of in sorted(diagnosis.maps, key=lambda of: of.signal != first):
+        size = wording.signals(diagnosis.gap).get(of.signal)
+        floor = 0.0 if size is None else size.noise_floor
+        if of.signal == "position":
+            floor = max(floor, diagnosis.gap.numerical_floor)
+        heat = heat_map(of, floor, mended=bool(diagnosis.effects))
+        if heat is not None:
+            found.append(heat)
+    return found
+
+
+def _places(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
+    """Where the gap stands out: the place, its share, its lift."""
+    if diagnosis.verdict == "no_gap":
+        return []
+    return [
+        (wording.spot(at), percent(at.share), f"{at.lift:.1f}×")
+        for at in diagnosis.locations[:_PLACES]
+    ]
 
 
 def _sizes(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
@@ -133,11 +176,22 @@ def _sizes(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
 def _estimates(named: NamedEffect) -> dict[str, Any]:
     return {
         "effect": wording.label(named.effect),
-        "confidence": percent(named.confidence),
+        "confidence": wording.sure(named.confidence),
         "sites": wording.listed([wording.site(name) for name in named.joints or named.bodies]),
         "parameters": [
-            (wording.site(of.place), wording.label(of.name), *wording.estimate(of))
+            {
+                "place": wording.site(of.place),
+                "name": wording.label(of.name),
+                "value": value,
+                "unit": unit,
+                "warning": warning,
+                "interval": wording.interval(of),
+                "range": " to ".join(span((of.lower, of.upper), of.unit))
+                if math.isfinite(of.upper - of.lower)
+                else "",
+            }
             for of in named.parameters
+            for value, unit, warning in [wording.estimate(of)]
         ],
     }
 
@@ -155,24 +209,36 @@ def _rounds(considered: Sequence[Considered]) -> list[dict[str, Any]]:
     rounds = []
     for index in sorted({one.round for one in considered}):
         ones = [one for one in considered if one.round == index]
-        ones.sort(key=lambda one: (one.verdict != "named", -_comparable(one.improvement)))
+        ones.sort(key=_standing)
         best = ones[0].improvement
-        largest = max(1e-12, *(_comparable(one.improvement) for one in ones))
+        shown = max(_SHOWN, sum(one.verdict != "lost" for one in ones))
         rows = [
             {
                 "effect": wording.label(one.effect),
                 "improvement": percent(one.improvement)
                 if math.isfinite(one.improvement)
                 else "diverged",
-                "bar": f"{100 * max(0.0, _comparable(one.improvement)) / largest:.1f}",
+                "bar": f"{100 * max(0.0, _comparable(one.improvement)):.1f}",
                 "behind": _behind(best - one.improvement) if one is not ones[0] else "",
                 "kind": one.verdict,
                 "verdict": _VERDICTS[one.verdict],
             }
             for one in ones
         ]
-        rounds.append({"index": index, "shown": rows[:_SHOWN], "folded": rows[_SHOWN:]})
+        rounds.append(
+            {
+                "index": index,
+                "named": ones[0].verdict == "named",
+                "shown": rows[:shown],
+                "others": [f"{row['effect']} ({row['improvement']})" for row in rows[shown:]],
+            }
+        )
     return rounds
+
+
+def _standing(one: Considered) -> tuple[bool, bool, float]:
+    """What is named first, then what is as good, then by improvement."""
+    return one.verdict != "named", one.verdict == "lost", -_comparable(one.improvement)
 
 
 def _comparable(improvement: float) -> float:
@@ -185,19 +251,44 @@ def _behind(points: float) -> str:
     return percent(points).removesuffix(" %")
 
 
-def _choices(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[tuple[str, list[Any]]]:
+def _hint(hint: Hint) -> dict[str, str]:
+    return {
+        "title": wording.label(hint.title),
+        "statement": wording.label(hint.statement),
+        "gap": _tight(wording.hint_gap(hint)),
+        "use": hint.use,
+    }
+
+
+def _choices(diagnosis: Diagnosis, traces: Sequence[Trace]) -> dict[str, Any] | None:
     """What can be looked at, held-out recordings first; chosen is the joint of the largest gap."""
-    worst = max(diagnosis.locations, key=lambda at: at.share).joint if diagnosis.locations else ""
-    chosen = next(
-        (i for i, t in enumerate(traces) if t.joint == worst and t.held_out == traces[0].held_out),
-        0,
-    )
-    groups: dict[str, list[Any]] = {}
-    for index, trace in enumerate(traces):
-        option = f"{trace.recording}: {trace.joint}, {wording.words(trace.signal)}"
-        group = groups.setdefault("held out" if trace.held_out else "fitted", [])
-        group.append((wording.label(option), index == chosen))
-    return list(groups.items())
+    if not traces:
+        return None
+    signal, _ = wording.telling(diagnosis.gap)
+    joint = next((at.joint for at in _whole_joints(diagnosis, signal)), "")
+    first = max(traces, key=lambda t: (t.held_out, t.signal == signal, t.joint == joint))
+    recordings = {t.recording: t.held_out for t in traces}
+    return {
+        "recordings": [
+            (group, [(wording.label(n), n == first.recording) for n in names])
+            for group, half in (("held out", True), ("fitted", False))
+            if (names := [name for name, held_out in recordings.items() if held_out == half])
+        ],
+        "joints": [(wording.label(n), n == first.joint) for n in _unique(t.joint for t in traces)],
+        "signals": [
+            (wording.words(n), n == first.signal) for n in _unique(t.signal for t in traces)
+        ],
+    }
+
+
+def _whole_joints(diagnosis: Diagnosis, signal: str) -> list[Location]:
+    """The joints by the size of their gap, largest first."""
+    cells = next((of.before for of in diagnosis.maps if of.signal == signal), diagnosis.locations)
+    return sorted(cells, key=lambda at: -at.share)
+
+
+def _unique(names: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(names))
 
 
 def _floor(diagnosis: Diagnosis, trace: Trace) -> GapSize | None:
@@ -206,16 +297,7 @@ def _floor(diagnosis: Diagnosis, trace: Trace) -> GapSize | None:
 
 def _figures(diagnosis: Diagnosis) -> dict[str, figures.Specification]:
     """Every figure by the identifier of its place in the page."""
-    found = {"steps": figures.steps(diagnosis)}
-    remaining = diagnosis.remaining if diagnosis.effects else ()
-    places = [*diagnosis.locations, *remaining]
-    joints = list(dict.fromkeys([*diagnosis.gap.joints, *(at.joint for at in places)]))
-    regimes = list(dict.fromkeys(at.regime for at in places))
-    regimes.sort(key=lambda name: name == EVERY_REGIME)  # stable: last, as a sum would be
-    if diagnosis.locations:
-        found["located"] = figures.heat_map(diagnosis.locations, joints, regimes)
-    if remaining:
-        found["remaining"] = figures.heat_map(remaining, joints, regimes)
+    found = {"steps": figures.waterfall(diagnosis)}
     if diagnosis.traces:
         found["comparison"] = figures.comparison(bool(diagnosis.effects))
     return found

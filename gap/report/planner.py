@@ -1,14 +1,20 @@
-"""The next experiment: the safe excitation that would best tell a confusion set apart.
+"""The next experiment: the safe one that would best tell a confusion set apart.
 
-Every member's model is simulated under every excitation of the battery, inside the positions and
-speeds that the recordings have already reached; where their predicted logs differ most, in
-standard deviations of the noise, is where to measure next.
+Every member's model is simulated in every experiment of the battery: the excitations on the robot
+as it is, and some of them with a changed set-up (`set_ups`). What leaves the room that the
+recordings have reached, or asks for more effort than they have shown, is made smaller or left out.
+Where the predicted logs differ most is where to measure next; a changed set-up is more trouble, so
+it is proposed only where the robot as it is would not do.
+
+The difference is counted in standard deviations of what the explanation leaves of the recordings,
+with as many independent samples as their errors' autocorrelation allows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,76 +22,263 @@ from numpy.typing import NDArray
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.report.diagnosis import NextExperiment
+from walkerkit.gap.report.independence import Independence, independence
+from walkerkit.gap.report.set_ups import RELEASE, SetUp, held_amplitude, set_ups
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.replay import Replay
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
 from walkerkit.tasks.excitation import BATTERY
 
 FloatArray = NDArray[np.float64]
 
-FILE = "next_experiment.csv"
+FILE, MODEL = "next_experiment.csv", "next_experiment.xml"
 _SECONDS, _RATE = 10.0, 200.0
 _SEED = 20260102
-_EFFECTIVE = 0.05  # s; a joint's errors stay alike for about this long
+_WORTH_IT = 1.0  # standard deviations; less is no experiment
+_CLEARLY = 6.0  # standard deviations; more needs no more trouble
+_SIZES = (1.0, 0.6, 0.35)  # of the room
+_BEYOND = 0.25  # of the range, or of the effort, that has been reached
+_EFFORT_NOISE = 0.02  # of the peak, where no effort was logged to tell it
 
 
-def next_experiment(
-    problem: Problem, members: Sequence[Fit]
-) -> tuple[NextExperiment, Recording] | None:
-    """Chooses the excitation that parts the members best.
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """An experiment with what it takes.
+
+    Attributes:
+        experiment: what the diagnosis says of it.
+        targets: what to send.
+        robot: the robot as it is given with the changed set-up, or None where it is as it was.
+    """
+
+    experiment: NextExperiment
+    targets: Recording
+    robot: Robot | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Choice:
+    """One experiment of the battery, and how far the nearest two members are apart in it."""
+
+    set_up: SetUp
+    excitation: str
+    separation: float
+    targets: Recording
+
+
+def next_experiment(problem: Problem, members: Sequence[Fit]) -> Plan | None:
+    """Chooses the experiment that parts the members best.
 
     Args:
         problem: what was explained.
         members: fits of the members of a confusion set, the named one first.
 
     Returns:
-        The experiment and its targets; None where the robot takes no position targets, or no
-        excitation parts the members at all.
+        The experiment; None where the robot takes no position targets, or none parts the members.
     """
     robot = problem.robots[0]
-    joints = [joint for joint in problem.joints if robot.joints[joint].drive("position")]
-    if len(joints) < len(problem.joints) or len(members) < 2:
+    if len(members) < 2 or any(robot.joints[j].drive("position") is None for j in problem.joints):
         return None
-    at = [robot.excursion(joint) for joint in joints]
+    tried: list[_Choice] = []
+    battery = _choices(_Bench(problem, members))
+    for _, alike in groupby(battery, key=lambda one: one.set_up.trouble):
+        tried += alike
+        if any(one.separation >= _CLEARLY for one in tried):
+            break
+    for best in sorted(tried, key=lambda one: -one.separation):
+        if best.separation < _WORTH_IT:
+            break
+        try:
+            changed = best.set_up.changed(robot) if best.set_up.changes_robot else None
+        except RuntimeError:  # the model's own settings undo this change
+            continue
+        experiment = NextExperiment(
+            excitation=best.excitation,
+            between=tuple(fit.structure.terms[-1].effect.name for fit in members),
+            separation=best.separation,
+            file=FILE,
+            set_up=best.set_up.name,
+            instruction=best.set_up.instruction,
+            model=MODEL if changed is not None else None,
+        )
+        return Plan(experiment=experiment, targets=best.targets, robot=changed)
+    return None
+
+
+class _Bench:
+    """The members of a confusion set, ready to be put through experiments."""
+
+    def __init__(self, problem: Problem, members: Sequence[Fit]):
+        self.problem = problem
+        self.robot = problem.robots[0]
+        self.members = members
+        self.joints = problem.joints
+        self.concerned = _concerned(self.robot, problem.joints, members)
+        self.watched = tuple(
+            Channel(joint=joint, signal=signal)
+            for signal in ("position", "effort")
+            for joint in problem.joints
+        )
+        self.channels = tuple(dict.fromkeys((*problem.channels, *self.watched)))
+        self.efforts = any(channel.signal == "effort" for channel in problem.channels)
+        self.spread = independence(problem, members[0])
+        self.with_play = any(np.any(values) for values in self._trials().plays.values())
+
+    def predict(self, log: Recording, set_up: SetUp) -> FloatArray:
+        """(n_members, rows, channels) what each member's log would show."""
+        replay = Replay(
+            self.robot,
+            whole(log),
+            self.channels,
+            hold=self.problem.hold,
+            n_threads=self.problem.n_threads,
+        )
+        trials = self._trials()
+        set_up.change(trials)
+        return replay.predict(trials)
+
+    def _trials(self) -> Trials:
+        return Trials.joined(
+            [fit.structure.trials(self.robot, fit.values[None]) for fit in self.members]
+        )
+
+    def is_safe(self, predicted: FloatArray, set_up: SetUp) -> bool:
+        """Whether no member's robot leaves what the recordings have reached, or its limits."""
+        if not np.isfinite(predicted).all():
+            return False
+        for channel in self.watched:
+            series = predicted[:, :, self.channels.index(channel)]
+            excursion, joint = self.robot.excursion(channel.joint), self.robot.joints[channel.joint]
+            if channel.signal == "effort":
+                if np.abs(series).max() > (1 + _BEYOND) * excursion.effort:
+                    return False
+                continue
+            margin = _BEYOND * excursion.range
+            low, high = excursion.lower - margin, excursion.upper + margin
+            if channel.joint in set_up.released:
+                # It may swing through: all that a joint can do is what its stops leave it.
+                low, high = -np.inf, np.inf
+            if self.robot.model.jnt_limited[joint.id]:
+                stops = self.robot.model.jnt_range[joint.id]
+                low, high = max(low, float(stops[0])), min(high, float(stops[1]))
+            if series.min() < low or series.max() > high:
+                return False
+        return True
+
+    def separation(self, predicted: FloatArray, set_up: SetUp) -> float:
+        """How far the nearest two members are apart [standard deviations]."""
+        columns, deviations, seconds = [], [], []
+        for channel in self.channels:
+            known: Independence | None = self.spread.get(channel)
+            if known is None and set_up.more_effort and channel.signal == "effort":
+                peak = self.robot.excursion(channel.joint).effort
+                similar = self.spread[Channel(joint=channel.joint, signal="position")]
+                known = Independence(std=_EFFORT_NOISE * peak, seconds=similar.seconds)
+            if known is not None:
+                columns.append(self.channels.index(channel))
+                deviations.append(known.std)
+                seconds.append(known.seconds)
+        # So many standard deviations is one sample's difference worth.
+        worth = 1 / (np.array(deviations) * np.sqrt(_RATE * np.array(seconds)))
+        scaled = predicted[:, :, columns] * worth
+        return min(
+            _distance(a, b, any_instant=bool(set_up.released)) for a, b in combinations(scaled, 2)
+        )
+
+
+def _choices(bench: _Bench) -> Iterator[_Choice]:
+    """The battery as far as it is safe, what is least trouble first."""
+    changes = set_ups(
+        bench.robot,
+        bench.joints,
+        concerned=bench.concerned,
+        efforts=bench.efforts,
+        excitations=tuple(BATTERY),
+    )
+    for set_up in changes:
+        if set_up.held and (not bench.efforts or bench.with_play):
+            # The log of a joint that cannot move shows nothing else; a motor with play moves.
+            continue
+        for excitation in set_up.excitations:
+            for size in _SIZES:
+                log = _targets(bench, set_up, excitation, size)
+                predicted = bench.predict(log, set_up)
+                if bench.is_safe(predicted, set_up):
+                    yield _Choice(
+                        set_up=set_up,
+                        excitation=excitation,
+                        separation=bench.separation(predicted, set_up),
+                        targets=log,
+                    )
+                    break
+
+
+def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Recording:
+    """What to send: targets about the middle of each joint's room."""
     time = np.arange(0.0, _SECONDS, 1 / _RATE)
-    best: tuple[float, str, Recording] | None = None
-    for name, excitation in BATTERY.items():
-        targets = excitation(
+    at = [bench.robot.excursion(joint) for joint in bench.joints]
+    middle = np.array([0.5 * (a.lower + a.upper) for a in at])
+    half = 0.5 * size * np.array([a.range for a in at])
+    for joint in set_up.held:
+        k = bench.joints.index(joint)
+        half[k] = min(half[k], size * held_amplitude(bench.robot, joint))
+    if excitation == RELEASE:
+        pose = middle + half * np.isin(bench.joints, set_up.released)
+        targets = np.tile(pose, (len(time), 1))
+    else:
+        targets = BATTERY[excitation](
             time,
-            lower=np.array([a.lower for a in at]),
-            upper=np.array([a.upper for a in at]),
+            lower=middle - half,
+            upper=middle + half,
             rng=np.random.default_rng(_SEED),
             max_velocity=np.array([a.velocity for a in at]),
         )
-        columns = {f"{j}/position_target": targets[:, k] for k, j in enumerate(joints)}
-        log = Recording(
-            name=name,
-            time=time,
-            # Only the first sample of the positions is used: the start.
-            columns={f"{j}/position": targets[:, k] for k, j in enumerate(joints)} | columns,
-        )
-        separation = _separation(problem, log, members)
-        if np.isfinite(separation) and (best is None or separation > best[0]):
-            best = separation, name, log
-    if best is None or best[0] == 0:
-        return None
-    effects = tuple(fit.structure.terms[-1].effect.name for fit in members)
-    return NextExperiment(excitation=best[1], between=effects, separation=best[0], file=FILE), best[
-        2
-    ]
+    columns: dict[str, FloatArray] = {}
+    for k, joint in enumerate(bench.joints):
+        # Only the first sample of the positions is used: the start.
+        columns[f"{joint}/position"] = targets[:, k]
+        columns[f"{joint}/position_target"] = targets[:, k]
+    return Recording(name=excitation, time=time, columns=columns | _standing(bench, len(time)))
 
 
-def _separation(problem: Problem, log: Recording, members: Sequence[Fit]) -> float:
-    """Difference of the nearest two members, in sigmas; infinity or NaN where one diverges."""
-    robot = problem.robots[0]
-    replay = Replay(
-        robot, whole(log), problem.channels, hold=problem.hold, n_threads=problem.n_threads
-    )
-    predicted = [
-        replay.predict(fit.structure.trials(robot, fit.values[None]))[0] for fit in members
-    ]
-    independent = _SECONDS / _EFFECTIVE / len(log.time)
-    return min(
-        float(np.sqrt(independent * np.square((a - b) / problem.noise).sum()))
-        for a, b in combinations(predicted, 2)
-    )
+def _standing(bench: _Bench, n: int) -> dict[str, FloatArray]:
+    """The base where it first stood in the recordings, for a robot that floats."""
+    if bench.robot.base is None:
+        return {}
+    recordings = (r for half in (bench.problem.fit, bench.problem.held) for r in half.recordings[0])
+    return {
+        name: np.full(n, column[0])
+        for recording in list(recordings)[:1]
+        for name, column in recording.columns.items()
+        if name.startswith("base/") and "velocity" not in name
+    }
+
+
+def _concerned(robot: Robot, joints: Sequence[str], members: Sequence[Fit]) -> tuple[str, ...]:
+    """The joints that the effects in question act on, or all."""
+    found: list[str] = []
+    for fit in members:
+        term = fit.structure.terms[-1]
+        if term.effect.kind == "joint" and not term.shared:
+            found += [site for site in term.sites if site in joints]
+    return tuple(dict.fromkeys(found)) or tuple(joints)
+
+
+def _distance(a: FloatArray, b: FloatArray, *, any_instant: bool) -> float:
+    """Length of what differs between two predictions, in standard deviations.
+
+    Args:
+        a: (rows, channels) standard deviations.
+        b: the other.
+        any_instant: nobody knows when it began, so that what a shift in time makes up is nothing.
+    """
+    difference = a - b
+    if any_instant:
+        slope = np.gradient(0.5 * (a + b), axis=0)
+        size = float(np.sum(slope**2))
+        if size > 0:
+            difference = difference - slope * (float(np.sum(slope * difference)) / size)
+    return float(np.linalg.norm(difference))

@@ -8,9 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from walkerkit.gap.report.diagnosis import Diagnosis, Estimate, Gap, GapSize, Location, NamedEffect
-from walkerkit.gap.report.locate import EVERYWHERE as EVERY_REGIME
+from walkerkit.gap.report.diagnosis import (
+    Diagnosis,
+    Estimate,
+    Gap,
+    GapSize,
+    Hint,
+    Location,
+    NamedEffect,
+    NextExperiment,
+)
 from walkerkit.gap.report.quantity import estimate_text, percent, quantity, span
+from walkerkit.gap.report.regimes import EVERYWHERE as EVERY_REGIME
+from walkerkit.gap.report.set_ups import RELEASE
 
 EVERYWHERE = "*"
 AT_BOUND = "at its bound"
@@ -28,7 +38,9 @@ TITLES = {
 
 _FEW = 4  # sites that a sentence lists
 _SHRUNK = 0.95  # a gap above this part of what it was has not visibly shrunk
-_PARTS_CLEARLY = 3.0  # standard deviations
+_PARTS_CLEARLY, _FAR = 3.0, 100  # standard deviations
+_MOST_SURE = 0.999
+_NORMAL_95, _INTERVAL_DIGITS = 1.96, 3
 
 
 def label(name: str) -> str:
@@ -91,6 +103,14 @@ def estimate(of: Estimate) -> tuple[str, str, str]:
     if of.at_bound:
         return text, unit, AT_BOUND
     return text, unit, "" if "±" in text else NOT_IDENTIFIABLE
+
+
+def interval(of: Estimate) -> str:
+    """The 95 % interval of an estimate, or "" where it is none."""
+    if of.at_bound or not of.std:
+        return ""
+    half = _NORMAL_95 * of.std
+    return " to ".join(span((of.value - half, of.value + half), of.unit, _INTERVAL_DIGITS))
 
 
 def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -182,34 +202,88 @@ def basis(gap: Gap) -> str:
 
 
 def doubts(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """One sentence for each confusion set."""
-    return tuple(
-        f"With these recordings, {step(named)} cannot be told from "
-        f"{listed([label(other) for other in named.indistinguishable_from], 'or')}: each fits "
-        "equally well within the noise. The mended model moves like the robot either way, but the "
-        "cause, and the numbers given for it, may be another's."
-        for named in diagnosis.effects
-        if named.indistinguishable_from
+    """One paragraph for each confusion set."""
+    return tuple(_doubt(named) for named in diagnosis.effects if named.indistinguishable_from)
+
+
+def _doubt(named: NamedEffect) -> str:
+    same = dict(named.equivalent)
+    close = [label(name) for name in named.indistinguishable_from if name not in same]
+    parts = []
+    if same:
+        parts.append(
+            f"{step(named)} and {listed([label(name) for name in same])} leave the same log, "
+            "whatever is commanded."
+        )
+        parts += dict.fromkeys(same.values())
+    if close:
+        parts.append(
+            f"With these recordings, {step(named)} cannot be told from {listed(close, 'or')}: each "
+            "fits equally well within the noise."
+        )
+    parts.append(
+        "The mended model moves like the robot either way, but the cause, and the numbers given "
+        "for it, may be another's."
     )
+    return " ".join(parts)
 
 
 def advice(diagnosis: Diagnosis) -> str:
     """What to record next, or "" where nothing needs it."""
     wanted = diagnosis.next_experiment
     if wanted is None:
-        return ""
-    sure = "" if wanted.separation >= _PARTS_CLEARLY else ", which may not be enough"
+        if not doubts(diagnosis):
+            return ""
+        return (
+            "None of the experiments of the battery is predicted to tell them apart with the "
+            "signals that were logged."
+        )
     between = listed([label(name) for name in wanted.between])
-    file = (
-        f" Play {label(wanted.file)}, record it, and diagnose again with both."
-        if wanted.file
-        else " Record it, and diagnose again with both."
-    )
     return (
-        f"The excitation {label(wanted.excitation)} would best tell {between} apart: their "
-        f"predictions differ by {wanted.separation:.1f} standard deviations of the noise{sure}."
-        f"{file}"
+        f"{_task(wanted)} It is predicted to tell {between} apart by "
+        f"{separation(wanted.separation)}."
     )
+
+
+def _task(wanted: NextExperiment) -> str:
+    """What to do, as instructions."""
+    sent = label(wanted.file) if wanted.file else "the targets"
+    play = f"Send {sent} to the robot (the excitation {label(wanted.excitation)})"
+    if wanted.excitation == RELEASE:
+        play = f"The first row of {sent} is the pose to let go from; the other joints hold theirs"
+    ends = "and diagnose again with the old recordings and the new one"
+    if wanted.model:
+        ends += (
+            f", which belongs to {label(wanted.model)}, your model with this change: list both in "
+            "an experiments.toml"
+        )
+    prepare = f"{label(wanted.instruction)} " if wanted.instruction else ""
+    return f"{prepare}{play}, record what it does, {ends}."
+
+
+def separation(sigmas: float) -> str:
+    """A predicted difference in words."""
+    if sigmas > _FAR:
+        return f"more than {_FAR} standard deviations"
+    sure = "" if sigmas >= _PARTS_CLEARLY else ", which may not be enough"
+    return f"{sigmas:.1f} standard deviations{sure}"
+
+
+def sure(confidence: float) -> str:
+    """A confidence; resampling cannot say that anything is certain."""
+    return percent(min(confidence, _MOST_SURE))
+
+
+def hint_gap(hint: Hint) -> str:
+    """What a stopgap would make of the gap."""
+    what = (
+        "effort that the model lacks"
+        if hint.kind == "formula"
+        else f"{words(hint.signal)} error of {label(hint.joint)}"
+    )
+    size = hint.size
+    with_it, without = (quantity(value, size.unit) for value in (size.after, size.before))
+    return f"the {what} would be {with_it} instead of {without} on held-out recordings"
 
 
 def _found(effects: Sequence[NamedEffect]) -> str:
@@ -217,7 +291,7 @@ def _found(effects: Sequence[NamedEffect]) -> str:
     for named in effects:
         others = [label(name) for name in named.indistinguishable_from]
         doubt = f", could also be {listed(others, 'or')}" if others else ""
-        found.append(f"{step(named)} ({percent(named.confidence)} sure{doubt})")
+        found.append(f"{step(named)} ({sure(named.confidence)} sure{doubt})")
     return listed(found)
 
 

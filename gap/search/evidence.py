@@ -51,19 +51,20 @@ class Evidence:
             both_resampled=np.concatenate([part.both_resampled for part in parts], axis=1),
         )
 
-    def only(self, k: int) -> Evidence:
-        """That of fit `k` alone."""
+    def some(self, fits: Sequence[int]) -> Evidence:
+        """That of some of the fits, in their order."""
+        k = np.asarray(fits, dtype=np.intp)
         return Evidence(
-            mean_square=self.mean_square[[k]],
-            held=self.held[[k]],
-            both=self.both[[k]],
-            held_resampled=self.held_resampled[:, [k]],
-            both_resampled=self.both_resampled[:, [k]],
+            mean_square=self.mean_square[k],
+            held=self.held[k],
+            both=self.both[k],
+            held_resampled=self.held_resampled[:, k],
+            both_resampled=self.both_resampled[:, k],
         )
 
     def replaced(self, k: int, other: Evidence) -> Evidence:
         """With that of fit `k` exchanged for another's only fit."""
-        parts = [self.only(i) for i in range(len(self.held))]
+        parts = [self.some([i]) for i in range(len(self.held))]
         parts[k] = other
         return Evidence.joined(parts)
 

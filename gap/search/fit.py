@@ -64,7 +64,7 @@ def fit(
     starts: Sequence[Fit],
     *,
     iterations: int = 8,
-    race: bool = False,
+    race: Sequence[int] | None = None,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> list[Fit]:
@@ -74,7 +74,8 @@ def fit(
         objective: what to fit.
         starts: structures with values and their score.
         iterations: the most steps any of them may take.
-        race: give up on a structure that is too far behind the best to catch up at its pace.
+        race: the race that each start is in, to give up on a structure that is too far behind the
+            best of its race to catch up at its pace; None to take all to their end.
         progress: called before each step.
         stage: what it is told.
 
@@ -106,14 +107,20 @@ def fit(
                     mean_square=mean_square[k],
                 )
             gains[i] = gain
-        leader = min(one.score for one in best)
-        enough = _CONVERGED_IN_RACE if race else _CONVERGED
-        active = [
-            i
-            for i, gain in gains.items()
-            if gain > enough and (not race or best[i].score - leader < _PACES * gain)
-        ]
+        if race is None:
+            active = [i for i, gain in gains.items() if gain > _CONVERGED]
+        else:
+            active = [
+                i
+                for i, gain in gains.items()
+                if gain > _CONVERGED_IN_RACE
+                and best[i].score - _leader(best, race, race[i]) < _PACES * gain
+            ]
     return best
+
+
+def _leader(fits: Sequence[Fit], race: Sequence[int], which: int) -> float:
+    return min(one.score for one, own in zip(fits, race, strict=True) if own == which)
 
 
 def _perturbed(current: Fit) -> tuple[FloatArray, FloatArray]:
@@ -153,6 +160,16 @@ def _jacobian(one: Fit, changes: FloatArray, move: FloatArray) -> FloatArray:
     """(n_parameters, rows, n_scored) per scale; zero for a perturbation that diverged."""
     slope = changes * (one.structure.scale / move)[:, None, None]
     return np.where(np.isfinite(slope), slope, 0.0)
+
+
+def jacobian(objective: Objective, one: Fit) -> FloatArray:
+    """(n_parameters, rows, n_scored) what each parameter changes, per scale."""
+    if not len(one.values):
+        return np.zeros((0, *objective.measured.shape))
+    values, move = _perturbed(one)
+    case = Case(structure=one.structure, values=np.vstack([one.values, values]))
+    ((_, changes),) = objective.linearised([case])
+    return _jacobian(one, changes, move)
 
 
 def _steps(one: Fit, normal: FloatArray, gradient: FloatArray) -> FloatArray:

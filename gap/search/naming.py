@@ -1,15 +1,17 @@
-"""Naming: forward selection of effects on held-out recordings, with a look back.
+"""Naming: which effects explain the held-out recordings, how sure each is, and what else could be.
 
-Each round screens and fits every effect that is left, on top of those already named. One that
-usually acts on all joints alike is tried with one value for all and with one each, which must be
-worth their number. An effect is named when it makes the held-out gaps smaller by more than chance
-(block bootstrap) and by a margin that matters: above the measurement's noise and above the
-simulation's own numerical error. Then the places that do not need it are dropped, everything is
-fitted jointly, and effects that are no longer needed leave again.
+Each round looks at every effect on top of those already named (`signatures`), and fits the singles
+and pairs that promise most: two right effects can hide behind the compromise of a wrong single one.
+An effect is named when it makes the held-out gaps smaller by more than chance (block bootstrap) and
+by a margin that matters: above the measurement's noise and above the simulation's own numerical
+error. Then the places that do not need it are dropped, everything is fitted jointly, and effects
+that are no longer needed leave again. At the end each named effect meets its rivals in the company
+of the others: a better one takes its place, those as good are its confusion set.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,25 +21,32 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit
+from walkerkit.gap.search.objective import Case
+from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.screen import screen
-from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried
+from walkerkit.gap.search.signatures import View, look
+from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried, merged
+from walkerkit.gap.search.worth import close_to, confidence, worth_it
 
 FloatArray = NDArray[np.float64]
+_Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and whether shared
 
-MOST_EFFECTS = 5
+MOST_EFFECTS = 6
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
-_MARGIN = 0.04  # an effect makes gaps at least four per cent smaller, in the geometric mean
-_CHANCE = 0.05
-_OVER_NOISE = 0.5  # what an effect explains of some channel, over its noise
-_OVER_NUMERICAL = 0.4  # and over what half the timestep changes, which is taken out already
-_CLOSE = 0.02  # scores this near are the same explanation
-_PLACE = 0.005  # a place whose loss costs less does not need the effect
+_MOST_OF_THE_GAP = 0.5  # of the score: gaps that shrink to six tenths
+_FAR_ABOVE = 10.0  # of the noise
 _REFITS = 4
 _PASSES = 2  # of fitting and finding the numerical error again
 _SETTLED = 0.05  # of a parameter's scale
 _MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
+_WARM = 2  # steps
+_FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
+_MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
+_MOST_EXCHANGES = 3
+_MOST_RIVALS = 5
+_NEAR = 2.0  # of a score, summed over the channels
+_NO_MORE = 0.05  # of a promise, summed over the channels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +57,7 @@ class Candidate:
         term: the effect at all its sites.
         gain: how much it lowers the score of the held-out recordings.
         close: it explains the recordings as well as the one that was named.
-        fit: the effect on top of those named before.
+        fit: the effect on top of the others.
     """
 
     term: Term
@@ -59,10 +68,11 @@ class Candidate:
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
-    """One step of the selection.
+    """One step of the explanation.
 
     Attributes:
-        candidates: every effect that was tried, best first.
+        candidates: the effects that were fitted in the company of the other named ones, best
+            first.
         named: the term that was added, or None where nothing was worth it.
         confidence: how often resampled recordings prefer it, ties shared.
         fit: everything named so far, fitted jointly.
@@ -87,205 +97,407 @@ def name_effects(
         progress: called now and then.
 
     Returns:
-        The rounds; the last one's fit is the explanation. Never empty.
+        A round for each named effect, and one in which nothing more was named; its fit is the
+        explanation. Never empty.
     """
-    nothing = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])[0]
-    state = _settled(problem, nothing)
-    rounds: list[Round] = []
-    while True:
-        step = _round(problem, effects, *state, len(rounds) + 1, progress)
-        rounds.append(step)
-        if step.named is None or len(rounds) == MOST_EFFECTS:
-            _refine(problem, step.fit)
-            return tuple(rounds)
-        kept = _without_the_needless(problem, step.fit)
-        state = step.fit, step.evidence
-        if kept is not step.fit:
-            state = _settled(problem, kept)
-            rounds[-1] = replace(step, fit=state[0], evidence=state[1])
+    return _Search(problem, effects, progress).run()
 
 
-def _round(
-    problem: Problem,
-    effects: Sequence[Effect],
-    current: Fit,
-    base: Evidence,
-    number: int,
-    progress: Progress | None,
-) -> Round:
-    nothing = Round(candidates=(), named=None, confidence=0.0, fit=current, evidence=base)
-    if (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * problem.noise).all():
-        return nothing
-    present = {term.effect.name for term in current.structure.terms}
-    left = [effect for effect in effects if effect.name not in present]
-    terms = candidate_terms(left, problem.robots, problem.joints)
-    if not terms:
-        return nothing
-    stage = f"effect {number}: {{}} {len(terms)} candidates"
-    if progress:
-        progress(stage.format("screening"), 0.0)
-    race = problem.race
-    if race is not problem.fit:
+@dataclass(frozen=True, kw_only=True)
+class _Tried:
+    """What was fitted on top of some terms: singles and pairs, and what recordings say of them."""
+
+    fits: tuple[Fit, ...]
+    evidence: Evidence
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Contest:
+    """A named effect and its rivals, each in the company of all others.
+
+    Attributes:
+        fits: that with the named effect, its term last, and those with a rival instead.
+        evidence: of the fits, and last of the others alone.
+        close: indices of rivals that explain as much.
+        better: a rival that explains more, or None.
+    """
+
+    fits: tuple[Fit, ...]
+    evidence: Evidence
+    close: tuple[int, ...]
+    better: Fit | None
+
+
+class _Search:
+    """One search; remembers what it has tried on top of which terms."""
+
+    def __init__(
+        self, problem: Problem, effects: Sequence[Effect], progress: Progress | None
+    ) -> None:
+        self._problem = problem
+        self._effects = effects
+        self._progress = progress
+        self._tried: dict[_Key, _Tried] = {}
+
+    def run(self) -> tuple[Round, ...]:
+        nothing = evaluate(self._problem.fit.objective, [(self._problem.nothing, np.zeros(0))])[0]
+        current, base = self._settled(self._simulated_well(nothing))
+        exchanges = 0
+        while True:
+            grown = self._grown(current, base)
+            if grown is not None:
+                current, base = grown
+                continue
+            contests = [self._contest(current, term) for term in current.structure.terms]
+            better = next((c.better for c in contests if c.better is not None), None)
+            if better is None or exchanges == _MOST_EXCHANGES:
+                break
+            exchanges += 1
+            current, base = self._settled(self._kept(better, [better.structure.terms[-1].effect]))
+        self._refine(current)
+        return self._told(current, base, contests)
+
+    def _simulated_well(self, nothing: Fit) -> Fit:
+        """The robot as it is, or in a simulation that is good enough for these recordings.
+
+        The numerical error is taken out of every comparison. Where it is most of the gap and far
+        above the noise, it is an effect of its own, and the model is to be simulated otherwise.
+        """
+        problem = self._problem
+        terms = [
+            term
+            for term in candidate_terms(self._effects, problem.robots, problem.joints)
+            if not term.effect.fitted
+        ]
+        objective = problem.held.objective
+        before = objective.as_it_is([_case(nothing)])[0][0]
+        best = nothing
+        for term in terms:
+            structure = nothing.structure.with_term(term)
+            magnitudes = zip(*(slot.parameter.starts for slot in structure.slots), strict=True)
+            values = np.array(list(magnitudes))
+            tried = objective.as_it_is([Case(structure=structure, values=values)])[0]
+            k = int(np.argmin(objective.score(tried)))
+            gained = np.sqrt(np.maximum(before - tried[k], 0.0))
+            gain = float(objective.score(before) - objective.score(tried[k]))
+            if gain > _MOST_OF_THE_GAP and (gained > _FAR_ABOVE * problem.noise).any():
+                (best,) = evaluate(problem.fit.objective, [(structure, values[k])])
+        return best
+
+    def _grown(self, current: Fit, base: Evidence) -> tuple[Fit, Evidence] | None:
+        """The fit with one or two more effects, or None where nothing is worth it."""
+        tried = self._try(current, base)
+        fits, evidence = list(tried.fits), Evidence.joined([base, tried.evidence])
+        # The numerical error was that of the current model; those who could win get their own.
+        for i in _finalists(evidence):
+            fits[i], own = self._raced(fits[i])
+            evidence = evidence.replaced(i + 1, own)
+        winner = self._winner(current, fits, evidence)
+        if winner is None:
+            self._refine(current)
+            return None
+        added = fits[winner].structure.terms[len(current.structure.terms) :]
+        found = self._kept(fits[winner], [term.effect for term in added])
+        if _key(found.structure) in self._tried:  # what was added does not hold
+            self._refine(current)
+            return None
+        return self._settled(found)
+
+    def _winner(self, current: Fit, fits: Sequence[Fit], evidence: Evidence) -> int | None:
+        """The best fit that is worth its number of effects and of values.
+
+        A simpler one keeps its place unless another is worth more than it.
+        """
+        size = [_size(one) for one in fits]
+        order = sorted(range(len(fits)), key=lambda i: (size[i], evidence.both[i + 1]))
+        winner = None
+        for i in order:
+            if not worth_it(self._problem, evidence, i + 1):
+                continue
+            if winner is None or (
+                evidence.both[i + 1] < evidence.both[winner + 1]
+                and (
+                    size[i] == size[winner] or worth_it(self._problem, evidence, i + 1, winner + 1)
+                )
+            ):
+                winner = i
+        return winner
+
+    def _try(self, current: Fit, base: Evidence | None) -> _Tried:
+        """Fits what promises most on top of a fit; nothing where that is at the floor."""
+        problem, count = self._problem, len(current.structure.terms)
+        key = _key(current.structure)
+        if key in self._tried:
+            return self._tried[key]
+        if base is None:
+            self._refine(current)
+            base = weigh(problem, [current])
+        none = _Tried(fits=(), evidence=base.some([]))
+        terms = self._terms(current.structure)
+        at_floor = (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * problem.noise).all()
+        if not terms or at_floor or count >= MOST_EFFECTS:
+            self._tried[key] = none
+            return none
+        stage = f"effect {count + 1}: {{}} {len(terms)} candidates"
+        if self._progress:
+            self._progress(stage.format("screening"), 0.0)
+        for half in {id(h): h for h in (problem.screen, problem.race)}.values():
+            half.refine(current)
+        view = look(problem.screen, current, [v for term in terms for v in term.variants])
+        starts = self._starters(view)
+        if not starts:
+            self._tried[key] = none
+            return none
+        if count + 1 < MOST_EFFECTS:
+            starts += [view.start(pair) for pair in _pairs(view)]
+        race = problem.race.objective
+        tried = fit(
+            race,
+            evaluate(race, starts),
+            race=[len(structure.terms) for structure, _ in starts],
+            progress=self._progress,
+            stage=stage.format("fitting"),
+        )
+        self._tried[key] = _Tried(fits=tuple(tried), evidence=weigh(problem, tried))
+        return self._tried[key]
+
+    def _starters(self, view: View) -> list[tuple[Structure, FloatArray]]:
+        """The singles that are worth a race, from where a few steps have taken them.
+
+        A promise is a straight line from the present model. Where that is far from the robot the
+        line leads astray, so that every effect gets the first steps of a fit.
+        """
+        objective = self._problem.screen.objective
+        every = range(len(view.candidates))
+        able = [i for i in every if view.candidates[i].tries and not _outdone(view, i)]
+        warm = fit(
+            objective, evaluate(objective, [view.start([i]) for i in able]), iterations=_WARM
+        )
+        by_score = sorted(range(len(able)), key=lambda k: warm[k].score)
+        by_promise = sorted(range(len(able)), key=lambda k: view.promise([able[k]]))
+        chosen = dict.fromkeys([*by_score[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]])
+        return [(warm[k].structure, warm[k].values) for k in chosen]
+
+    def _terms(self, structure: Structure) -> list[Term]:
+        """Every effect where it could be added: those present only at places without them."""
+        present = {term.effect.name: term for term in structure.terms}
+        found = []
+        for term in candidate_terms(self._effects, self._problem.robots, self._problem.joints):
+            known = present.get(term.effect.name)
+            if not term.effect.fitted:
+                continue
+            if known is None:
+                found.append(term)
+            elif not known.shared:
+                sites = tuple(site for site in term.sites if site not in known.sites)
+                if sites:
+                    found.append(replace(term, sites=sites, shared=False))
+        return found
+
+    def _contest(self, current: Fit, term: Term) -> _Contest:
+        """Compares an effect with those that could be in its place."""
+        problem, objective = self._problem, self._problem.fit.objective
+        others = Structure(
+            tuple(t for t in current.structure.terms if t is not term), problem.robots
+        )
+        (alone,) = refit(problem, current, [others])
+        rivals = self._rivals(alone, term.effect) if term.effect.fitted else []
+        self._refine(current)
+        mine = others.with_term(term)
+        starts = [(mine, carried(current.values, current.structure, mine))]
+        own, *fits = evaluate(
+            objective, [*starts, *((one.structure, one.values) for one in rivals)]
+        )
+        # Those that come near get what the named one has had: a fit to all recordings.
+        near = [
+            k
+            for k, one in enumerate(fits)
+            if len(problem.channels) * (one.score - own.score) < _NEAR
+        ]
+        fitted = fit(objective, [fits[k] for k in near], iterations=_REFITS)
+        for k, one in zip(near, fitted, strict=True):
+            fits[k] = one
+        evidence = weigh(problem, [own, *fits, alone])
+        contest = evidence.some(range(len(fits) + 1))
+        better = [
+            k
+            for k, one in enumerate(fits, start=1)
+            if self._is_better(contest, k, _size(one) > _size(own))
+        ]
+        return _Contest(
+            fits=(own, *fits),
+            evidence=evidence,
+            close=tuple(close_to(contest, len(problem.channels))),
+            better=fits[min(better, key=lambda k: contest.both[k]) - 1] if better else None,
+        )
+
+    def _rivals(self, alone: Fit, effect: Effect) -> list[Fit]:
+        """The best effects in place of one, on top of the others; no generalisations of it."""
+        tried = self._try(alone, None)
+        singles = [
+            i
+            for i in np.argsort(tried.evidence.both, kind="stable").tolist()
+            if len(tried.fits[i].structure.terms) == len(alone.structure.terms) + 1
+            and tried.fits[i].structure.terms[-1].effect is not effect
+            and effect.name not in tried.fits[i].structure.terms[-1].effect.extends
+        ]
+        return [tried.fits[i] for i in singles[:_MOST_RIVALS]]
+
+    def _is_better(self, contest: Evidence, k: int, larger: bool) -> bool:
+        if 0 in close_to(contest, len(self._problem.channels), first=k):
+            return False
+        better = bool(contest.both[k] < contest.both[0])
+        return better and (not larger or worth_it(self._problem, contest, k))
+
+    def _told(
+        self, current: Fit, base: Evidence, contests: Sequence[_Contest]
+    ) -> tuple[Round, ...]:
+        """The explanation effect by effect, and what was tried in vain after it."""
+        problem, terms = self._problem, current.structure.terms
+        firsts = [Structure(terms[: k + 1], problem.robots) for k in range(len(terms) - 1)]
+        fits = [*refit(problem, current, firsts), current][: len(terms)]
+        rounds = []
+        for one, term, contest in zip(fits, terms, contests, strict=True):
+            held = contest.evidence.held
+            order = sorted(range(1, len(contest.fits)), key=lambda k: contest.evidence.both[k])
+            rounds.append(
+                Round(
+                    candidates=tuple(
+                        Candidate(
+                            term=contest.fits[k].structure.terms[-1],
+                            gain=float(held[-1] - held[k]),
+                            close=k in contest.close,
+                            fit=contest.fits[k],
+                        )
+                        for k in (0, *order)
+                    ),
+                    named=term,
+                    confidence=confidence(
+                        contest.evidence.some(range(len(contest.fits))), len(problem.channels)
+                    ),
+                    fit=one,
+                    evidence=weigh(problem, [one]),
+                )
+            )
+        tried = self._try(current, base)
+        order = np.argsort(tried.evidence.both, kind="stable").tolist()
+        vain = [i for i in order if len(tried.fits[i].structure.terms) == len(terms) + 1]
+        rounds.append(
+            Round(
+                candidates=tuple(
+                    Candidate(
+                        term=tried.fits[i].structure.terms[-1],
+                        gain=float(base.held[0] - tried.evidence.held[i]),
+                        close=False,
+                        fit=tried.fits[i],
+                    )
+                    for i in vain
+                ),
+                named=None,
+                confidence=0.0,
+                fit=current,
+                evidence=base,
+            )
+        )
+        return tuple(rounds)
+
+    def _settled(self, current: Fit) -> tuple[Fit, Evidence]:
+        """The fit in the light of its own numerical error, which the problem has from then on."""
+        objective = self._problem.fit.objective
+        for _ in range(_PASSES):
+            before = current.values
+            self._refine(current)
+            start = evaluate(objective, [(current.structure, before)])[0]
+            current = fit(objective, [start], iterations=_REFITS)[0]
+            moved = np.abs(current.values - before) / current.structure.scale
+            if not (moved > _SETTLED).any():
+                break
+        return current, weigh(self._problem, [current])
+
+    def _raced(self, current: Fit) -> tuple[Fit, Evidence]:
+        """As `_settled`, fitted to the recordings of the race alone."""
+        race = self._problem.race
         race.refine(current)
-    (start,) = evaluate(race.objective, [(current.structure, current.values)])
-    starts = screen(race.objective, start, [one for term in terms for one in term.variants])
-    tried = fit(race.objective, starts, race=True, progress=progress, stage=stage.format("fitting"))
-    weighed = weigh(problem, tried)
-    kept = _simplest(problem, tried, weighed)
-    fits = [tried[i] for i in kept]
-    evidence = Evidence.joined([base, *(weighed.only(i) for i in kept)])
-    # The numerical error was that of the current model; those who could win get their own.
-    for i in _finalists(evidence):
-        fits[i], own = _settled(problem, fits[i])
-        evidence = evidence.replaced(i + 1, own)
-    order = [int(i) for i in np.argsort(evidence.both[1:], kind="stable")]
-    acceptable = [i for i in order if _worth_it(problem, evidence, i + 1)]
-    if not acceptable:
-        return replace(nothing, candidates=_candidates(evidence, fits, order, set()))
-    # A rival has to hold on recordings that it was not fitted to, as the winner does.
-    winner, rivals = acceptable[0], acceptable[1:]
-    settled, own = _settled(problem, fits[winner])
-    found = _places_needed(problem, settled)
-    if found is not settled:
-        found, own = _settled(problem, found)
-    contest = Evidence.joined([own, *(evidence.only(i + 1) for i in rivals)])
-    close = {rivals[k - 1] for k in _close_to_first(contest)}
-    return Round(
-        candidates=_candidates(evidence, fits, [winner, *(i for i in order if i != winner)], close),
-        named=found.structure.terms[-1],
-        confidence=_confidence(contest),
-        fit=found,
-        evidence=own,
-    )
+        start = evaluate(race.objective, [(current.structure, current.values)])[0]
+        current = fit(race.objective, [start], iterations=_REFITS)[0]
+        self._refine(current)
+        return current, weigh(self._problem, [current])
+
+    def _refine(self, current: Fit) -> None:
+        for half in (self._problem.fit, self._problem.held):
+            half.refine(current)
+
+    def _kept(self, current: Fit, added: Sequence[Effect]) -> Fit:
+        """The fit with the added effects where they are needed, and others while they still are."""
+        one_each = merged(current.structure)
+        values = carried(current.values, current.structure, one_each)
+        current = replace(current, structure=one_each, values=values)
+        self._problem.race.refine(current)
+        self._refine(current)
+        for effect in added:
+            term = next(term for term in current.structure.terms if term.effect is effect)
+            current = places_needed(self._problem, current, term)
+        return self._without_the_needless(current)
+
+    def _without_the_needless(self, current: Fit) -> Fit:
+        """The fit without effects that those named after them have made superfluous."""
+        for term in current.structure.terms:
+            if len(current.structure.terms) == 1 or not term.effect.fitted:
+                continue
+            terms = tuple(other for other in current.structure.terms if other is not term)
+            (smaller,) = refit(self._problem, current, [Structure(terms, self._problem.robots)])
+            if not worth_it(self._problem, weigh(self._problem, [smaller, current]), 1):
+                current = smaller
+        return current
 
 
-def _simplest(problem: Problem, fits: Sequence[Fit], evidence: Evidence) -> list[int]:
-    """Of every effect the first variant, unless one with more values is worth them."""
-    chosen: dict[str, int] = {}
-    for i, one in enumerate(fits):
-        effect = one.structure.terms[-1].effect.name
-        if effect not in chosen or _worth_it(
-            problem, Evidence.joined([evidence.only(chosen[effect]), evidence.only(i)]), 1
-        ):
-            chosen[effect] = i
-    return list(chosen.values())
+def _case(one: Fit) -> Case:
+    return Case(structure=one.structure, values=one.values[None])
 
 
-def _settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
-    """The fit in the light of its own numerical error, which `problem` has from then on."""
-    for _ in range(_PASSES):
-        before = current.values
-        _refine(problem, current)
-        start = evaluate(problem.fit.objective, [(current.structure, before)])[0]
-        current = fit(problem.fit.objective, [start], iterations=_REFITS)[0]
-        moved = np.abs(current.values - before) / current.structure.scale
-        if not (moved > _SETTLED).any():
-            break
-    return current, weigh(problem, [current])
+def _key(structure: Structure) -> _Key:
+    return frozenset((term.effect.name, term.sites, term.shared) for term in structure.terms)
 
 
-def _refine(problem: Problem, current: Fit) -> None:
-    for half in (problem.fit, problem.held):
-        half.refine(current)
+def _size(one: Fit) -> tuple[int, int]:
+    """Number of effects, and of the last one's values at a place."""
+    terms = one.structure.terms
+    return len(terms), len(one.values)
 
 
 def _finalists(evidence: Evidence) -> list[int]:
     """Candidates that could still win, best first; the first fit of the evidence is the base."""
     gain = evidence.both[0] - evidence.both[1:]
     order = np.argsort(-gain, kind="stable")[:_MOST_FINALISTS]
-    return [int(i) for i in order if gain[i] > max(_MARGIN / 2, _IN_REACH * gain.max())]
+    return [int(i) for i in order if gain[i] > max(0.0, _IN_REACH * gain.max())]
 
 
-def _worth_it(problem: Problem, evidence: Evidence, k: int) -> bool:
-    """Whether fit `k` improves on fit 0 by more than chance and by what matters."""
-    gain = evidence.held[0] - evidence.held[k]
-    by_chance = np.mean(evidence.held_resampled[:, 0] <= evidence.held_resampled[:, k])
-    explained = np.sqrt(np.maximum(evidence.mean_square[0] - evidence.mean_square[k], 0))
-    floor = _OVER_NOISE * problem.noise
-    numerical = problem.held.objective.numerical
-    if len(numerical):
-        size = np.sqrt(problem.held.objective.mean_square(numerical)[0])
-        floor = np.maximum(floor, _OVER_NUMERICAL * size)
-    return bool(gain >= _MARGIN and by_chance < _CHANCE and (explained > floor).any())
-
-
-def _candidates(
-    evidence: Evidence,
-    fits: Sequence[Fit],
-    order: Sequence[int],
-    close: set[int],
-) -> tuple[Candidate, ...]:
-    """Candidates of a round, in an order of theirs."""
-    return tuple(
-        Candidate(
-            term=fits[i].structure.terms[-1],
-            gain=float(evidence.held[0] - evidence.held[i + 1]),
-            close=i in close,
-            fit=fits[i],
-        )
-        for i in order
+def _pairs(view: View) -> list[tuple[int, int]]:
+    """Pairs that promise more than any single; no effect is in too many of them."""
+    promised = [view.promise([i]) for i in range(len(view.candidates))]
+    able = [i for i, one in enumerate(view.candidates) if one.columns and not _outdone(view, i)]
+    least = min(promised) - _MORE_THAN_ONE / view.channels
+    pairs = sorted(
+        (promise, pair)
+        for pair in itertools.combinations(able, 2)
+        if view.candidates[pair[0]].term.effect is not view.candidates[pair[1]].term.effect
+        and (promise := view.promise(pair)) < least
     )
+    often: dict[int, int] = {}
+    chosen: list[tuple[int, int]] = []
+    for _, pair in pairs:
+        if len(chosen) < _MOST_PAIRS and all(often.get(i, 0) < _MOST_PAIRS // 2 for i in pair):
+            chosen.append(pair)
+            often.update({i: often.get(i, 0) + 1 for i in pair})
+    return chosen
 
 
-def _close_to_first(contest: Evidence) -> list[int]:
-    """Fits that explain as well as fit 0: by score, or in more than chance of the resamples."""
-    ahead = np.mean(contest.both_resampled <= contest.both_resampled[:, :1], axis=0)
-    near = contest.both - contest.both[0] < _CLOSE
-    return [k for k in range(1, len(near)) if near[k] or ahead[k] > _CHANCE]
-
-
-def _confidence(contest: Evidence) -> float:
-    """How often fit 0 is best in resampled recordings, ties shared."""
-    scores = contest.both_resampled
-    best = scores < scores.min(axis=1, keepdims=True) + 0.5 * _CLOSE
-    return float((best[:, 0] / best.sum(axis=1)).mean())
-
-
-def _places_needed(problem: Problem, full: Fit) -> Fit:
-    """The fit with its last term only at the places that need it."""
-    term = full.structure.terms[-1]
-    while len(term.places) > 1:
-        without = [
-            replace(term, sites=tuple(other for other in term.sites if other != site))
-            for site in term.sites
-        ]
-        fits = [_refit(problem, full, _replaced(full.structure, term, t)) for t in without]
-        evidence = weigh(problem, [full, *fits])
-        harm = evidence.both[1:] - evidence.both[0]
-        needless = [site for site, cost in zip(term.sites, harm, strict=True) if cost < _PLACE]
-        if not needless:
-            break
-        kept = tuple(site for site in term.sites if site not in needless)
-        if not kept:  # each can stand in for the others: the one that is missed most stays
-            kept = (term.sites[int(np.argmax(harm))],)
-        smaller = replace(term, sites=kept)
-        found = _refit(problem, full, _replaced(full.structure, term, smaller))
-        if weigh(problem, [full, found]).both @ np.array([-1.0, 1.0]) > _PLACE * len(needless):
-            # Together they are needed: drop only the one that is missed least.
-            k = int(np.argmin(harm))
-            smaller, found = without[k], fits[k]
-        full, term = found, smaller
-    return full
-
-
-def _replaced(structure: Structure, old: Term, new: Term) -> Structure:
-    terms = tuple(new if term is old else term for term in structure.terms)
-    return Structure(terms, structure.robots)
-
-
-def _refit(problem: Problem, source: Fit, structure: Structure) -> Fit:
-    """Another structure, fitted from the values that both have."""
-    values = carried(source.values, source.structure, structure)
-    start = evaluate(problem.fit.objective, [(structure, values)])[0]
-    return fit(problem.fit.objective, [start], iterations=_REFITS)[0]
-
-
-def _without_the_needless(problem: Problem, current: Fit) -> Fit:
-    """The fit without effects that those named after them have made superfluous."""
-    for term in current.structure.terms[:-1]:
-        terms = tuple(other for other in current.structure.terms if other is not term)
-        smaller = _refit(problem, current, Structure(terms, problem.robots))
-        evidence = weigh(problem, [smaller, current])
-        if not _worth_it(problem, evidence, 1):
-            current = smaller
-    return current
+def _outdone(view: View, i: int) -> bool:
+    """Whether one value for all promises as much as this candidate's one for each."""
+    mine = view.candidates[i].term
+    return not mine.shared and any(
+        other.term.shared
+        and other.term.effect is mine.effect
+        and view.channels * (view.promise([k]) - view.promise([i])) < _NO_MORE
+        for k, other in enumerate(view.candidates)
+    )

@@ -97,6 +97,18 @@ class Objective:
         self._take_out_numerical_error(residual)
         return _per_case(residual, cases)
 
+    def simulated(self, cases: Sequence[Case]) -> list[FloatArray]:
+        """As `residuals`, with the numerical error in them."""
+        return _per_case(self._as_simulated(cases), cases)
+
+    def numerical_bounds(self) -> FloatArray:
+        """(k, 2) between which the factors of the numerical changes lie."""
+        return np.array(_FACTORS[: len(self.numerical)]).reshape(-1, 2)
+
+    def as_it_is(self, cases: Sequence[Case]) -> list[FloatArray]:
+        """As `mean_squares`, with the numerical error in them."""
+        return [self.mean_square(residual) for case in cases for residual in self.simulated([case])]
+
     def linearised(self, cases: Sequence[Case]) -> list[tuple[FloatArray, FloatArray]]:
         """The residual of each case's first row, and what its other rows change of it.
 
@@ -168,7 +180,7 @@ class Objective:
                 groups.append(slice(start, i))
                 start, size = i, 0
             size += need
-        return [*groups, slice(start, len(cases))]
+        return [*groups, slice(start, len(cases))] if cases else []
 
     def mean_squares(self, cases: Sequence[Case]) -> list[FloatArray]:
         """(n, n_scored) mean square gaps a case, NaN for trials that diverged."""

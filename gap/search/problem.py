@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,20 +10,24 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.segments import cut
+from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.structure import Structure
+from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
-from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
 
 REFINEMENT = 2  # how many times finer the timestep is that shows the numerical error
-_SCORED = ("position", "effort")  # velocity comes from the same encoder and adds its filter's lag
-_RACE_STEPS, _RACE_WINDOW = 25_000, 4.0  # s
+# Velocity comes from the same encoder and adds its filter's lag.
+_SCORED = ("position", "effort", "base_position", "base_orientation")
+# Whole rollouts are searched in stretches: side by side they take less time, and tell as much.
+_STRETCH = 3.0  # s
+_RACE_STEPS, _SCREEN_STEPS = 12_000, 6_000
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
@@ -34,11 +38,13 @@ class Half:
 
     Attributes:
         recordings: per robot.
-        objective: their comparison with the simulation.
+        told: their replays over the horizon that the gap is told of.
+        objective: their comparison with the simulation, in stretches.
         finer: the same at a finer timestep, and then with another integrator too.
     """
 
     recordings: tuple[tuple[Recording, ...], ...]
+    told: tuple[Replay, ...]
     objective: Objective
     finer: tuple[Objective, ...]
 
@@ -55,7 +61,8 @@ class Problem:
         robots: the robots; the effects' values are shared by all.
         joints: joints that the recordings measure.
         fit: recordings that are fitted.
-        race: what candidates are first tried on: `fit`, or a part of it where it is long.
+        race: what candidates are first fitted on: `fit`, or a part of it where it is long.
+        screen: short parts of `fit`, on which every effect is tried.
         held: recordings that are held out.
         noise: (n_scored,) noise of the scored channels.
         hold: what the targets are between their samples.
@@ -67,6 +74,7 @@ class Problem:
     joints: tuple[str, ...]
     fit: Half
     race: Half
+    screen: Half
     held: Half
     noise: FloatArray
     hold: Hold
@@ -113,48 +121,60 @@ def build(
         for signal in ("position", "velocity", "effort")
         for joint in joints
         if any(r.signal(joint, signal) is not None for r in everything)
-    )
-    scored = tuple(channel for channel in channels if channel.signal in _SCORED)
+    ) + base_channels(everything)
+    scored = tuple(channel for channel in channels if channel.quantity in _SCORED)
     floor = np.array([channel_noise(everything, channel).std for channel in scored])
     sized = [
         replace(robot, excursions=excursions(robot, [*fit, *held], joints))
         for robot, fit, held in zip(robots, fitted, held_out, strict=True)
     ]
 
-    def half(
-        recordings: Sequence[Sequence[Recording]], length: float | None = window, every: int = 1
-    ) -> Half:
-        present = [(robot, r) for robot, r in zip(sized, recordings, strict=True) if r]
+    def replays(
+        recordings: Sequence[Sequence[Recording]],
+        parts: Callable[[Sequence[Recording]], tuple[Segment, ...]],
+        remade: Callable[[Robot], Robot] = lambda robot: robot,
+        kept: Sequence[Channel] = channels,
+    ) -> tuple[Replay, ...]:
+        return tuple(
+            Replay(remade(robot), parts(mine), kept, hold=hold, n_threads=n_threads)
+            for robot, mine in zip(sized, recordings, strict=True)
+            if mine
+        )
 
-        def objective(factor: int, other_integrator: bool) -> Objective:
-            replays = [
-                Replay(
-                    robot
-                    if factor == 1
-                    else robot.refined(factor, other_integrator=other_integrator),
-                    cut(mine, length)[::every],
-                    channels if factor == 1 else scored,
-                    hold=hold,
-                    n_threads=n_threads,
-                )
-                for robot, mine in present
-            ]
-            return Objective(replays, scored, _FLOOR * floor)
+    def half(recordings: Sequence[Sequence[Recording]], share: float = 1.0) -> Half:
+        def parts(mine: Sequence[Recording]) -> tuple[Segment, ...]:
+            if window is not None:
+                return _spread(cut(mine, window), share)
+            return _spread([s for one in mine for s in stretches(one, _STRETCH)], share)
+
+        def finer(robot: Robot) -> Robot:
+            return robot.refined(REFINEMENT)
+
+        def otherwise(robot: Robot) -> Robot:
+            return robot.refined(REFINEMENT, other_integrator=True)
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
-            objective=objective(1, False),
-            finer=(objective(REFINEMENT, False), objective(REFINEMENT, True)),
+            told=replays(recordings, lambda mine: cut(mine, window)),
+            objective=Objective(replays(recordings, parts), scored, _FLOOR * floor),
+            finer=tuple(
+                Objective(replays(recordings, parts, remade, scored), scored, _FLOOR * floor)
+                for remade in (finer, otherwise)
+            ),
         )
 
     fit = half(fitted)
-    # Windows are alike, so that every second or third tells as much of a candidate.
-    every = fit.objective.steps // _RACE_STEPS + 1
+    steps = fit.objective.steps
+
+    def part(most: int) -> Half:
+        return fit if steps <= most else half(fitted, most / steps)
+
     return Problem(
         robots=tuple(sized),
         joints=joints,
         fit=fit,
-        race=fit if every == 1 else half(fitted, window or _RACE_WINDOW, every),
+        race=part(_RACE_STEPS),
+        screen=part(_SCREEN_STEPS),
         held=half(held_out),
         noise=floor,
         hold=hold,
@@ -163,9 +183,16 @@ def build(
     )
 
 
+def _spread(segments: Sequence[Segment], share: float) -> tuple[Segment, ...]:
+    """A share of the segments, evenly spread: they are alike, so that some tell as much as all."""
+    count = max(1, round(share * len(segments)))
+    middles = (np.arange(count) + 0.5) * len(segments) / count
+    return tuple(segments[int(k)] for k in middles)
+
+
 def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.Noise:
     """Noise of a channel over all recordings that have it; never 0, even where nothing moves."""
-    columns = [r.signal(channel.joint, channel.signal) for r in recordings]
+    columns = [channel.measured(r) for r in recordings]
     present = [column for column in columns if column is not None]
     found = noise.estimate(present)
     largest = max([1.0, *(float(np.abs(column).max()) for column in present)])

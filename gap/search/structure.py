@@ -182,6 +182,20 @@ def carried(values: FloatArray, source: Structure, target: Structure) -> FloatAr
     )
 
 
+def merged(structure: Structure) -> Structure:
+    """The structure with the terms of each effect made one, at the place of the first."""
+    terms: dict[str, Term] = {}
+    for term in structure.terms:
+        known = terms.get(term.effect.name)
+        if known is not None:
+            sites = {*known.sites, *term.sites}
+            robot = structure.robots[0]
+            order = [*robot.joints, *robot.bodies, EVERYWHERE]
+            term = replace(known, sites=tuple(sorted(sites, key=order.index)))
+        terms[term.effect.name] = term
+    return Structure(tuple(terms.values()), structure.robots)
+
+
 def candidate_terms(
     effects: Sequence[Effect], robots: Sequence[Robot], joints: Sequence[str]
 ) -> tuple[Term, ...]:

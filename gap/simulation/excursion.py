@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.robot import Excursion, Robot
+from walkerkit.gap.simulation.waves import nominal_effort, waves
 
 FloatArray = NDArray[np.float64]
 
@@ -31,6 +32,7 @@ def excursions(
         Joint to its excursion.
     """
     found = {}
+    periods = waves(robot, recordings, joints)
     for joint in joints:
         logs = [r for r in recordings if joint in r.joints]
         if not logs:
@@ -46,41 +48,20 @@ def excursions(
         for recording, state in zip(logs, states, strict=True):
             commanded = recording.signal(joint, "effort_target")
             guessed += [] if commanded is None else [_peak(commanded)]
-            guessed += _nominal(robot, recording, state, joint)
+            qpos, qvel = state.at(recording.time)
+            made = nominal_effort(robot, recording, joint, qpos[:, 0], qvel[:, 0])
+            guessed += [] if made is None else [_peak(made)]
         found[joint] = Excursion(
             lower=float(position.min()),
             upper=float(position.min()) + max(float(np.ptp(position)), _SMALLEST),
             velocity=_peak(velocity),
             acceleration=_peak(acceleration),
             effort=max(measured or guessed),
+            duration=max(float(np.ptp(r.whole.time)) for r in logs),
+            periods=periods[joint],
         )
     return found
 
 
 def _peak(values: FloatArray) -> float:
     return max(float(np.percentile(np.abs(values), _PEAK)), _SMALLEST)
-
-
-def _nominal(robot: Robot, recording: Recording, state: MeasuredState, joint: str) -> list[float]:
-    """Peak effort of the model's servo at the measured state."""
-    model = robot.model
-    qpos, qvel = state.at(recording.time)
-    peaks = []
-    for drive in robot.joints[joint].drives:
-        if drive.kind == "effort":
-            continue
-        target = recording.signal(joint, f"{drive.kind}_target")
-        if target is None:
-            continue
-        gain, error = (
-            (drive.stiffness, target - qpos[:, 0])
-            if drive.kind == "position"
-            else (drive.damping, target)
-        )
-        effort = gain * error - drive.damping * qvel[:, 0]
-        if model.actuator_forcelimited[drive.actuator]:
-            gear = abs(float(model.actuator_gear[drive.actuator, 0]))
-            low, high = gear * model.actuator_forcerange[drive.actuator]
-            effort = np.clip(effort, low, high)
-        peaks.append(_peak(effort))
-    return peaks

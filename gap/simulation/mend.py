@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.simulation.rebuild import Rebuilt, rebuilds
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
 from walkerkit.walkers.settling import state_inertia
@@ -50,6 +51,9 @@ def mend(trial: Trials) -> Robot:
     """
     if trial.n != 1:
         raise ValueError(f"{trial.n} variants make {trial.n} models; mend them one by one.")
+    ((rebuild, _),) = rebuilds(trial)
+    if rebuild.needed:
+        trial = Rebuilt(rebuild, trial.robot).trials(trial)
     robot = trial.robot
     spec = robot.spec.copy()
     spec.compile()  # gives the elements of the copy the ids of the compiled model
@@ -139,14 +143,21 @@ def _copy_asset(
 
 
 def _measurement(trials: Trials) -> dict[str, Measurement]:
-    return {
-        name: Measurement(
+    found = {}
+    for name in trials.robot.joints:
+        amplitude, periods, phase = map(float, trials.position_error[name][0])
+        found[name] = Measurement(
             position_delay=float(trials.position_delay[name][0]),
             effort_scale=float(trials.effort_scale[name][0]),
             effort_offset=float(trials.effort_offset[name][0]),
+            encoder_gain=float(trials.encoder_gain[name][0]),
+            error_amplitude=amplitude,
+            error_periods=periods,
+            error_phase=phase,
+            clock_skew=float(trials.clock_skew[name][0]),
+            load_side=float(trials.load_side[name][0]),
         )
-        for name in trials.robot.joints
-    }
+    return found
 
 
 def _delay_commands(spec: mujoco.MjSpec, joint: Joint, delay: float) -> None:
@@ -183,6 +194,10 @@ def _set_angle(name: str) -> SetJoint:
     return lambda element, value, angle: setattr(element, name, value / angle)
 
 
+def _set_limited(element: Any, value: float, angle: float) -> None:
+    element.limited = int(value)
+
+
 def _set_first(name: str) -> SetJoint:
     """Of a polynomial's coefficients the first."""
 
@@ -206,37 +221,65 @@ def _actuator_writer(name: str) -> Writer:
     return writer
 
 
-def _write_mass(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
-    compiler = spec.compiler
-    bodies = np.flatnonzero(wanted != before)
-    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    if compiler.inertiafromgeom == always or compiler.settotalmass > 0:
-        # These would undo the change, so all bodies say what they have come to.
-        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
-        compiler.settotalmass = -1
-        bodies = np.flatnonzero(before)
-    for body in bodies:
-        element = _by_id(spec.bodies, int(body))
-        state_inertia(element, robot.model)
-        element.mass = wanted[body]
+def _inertial_writer(name: str) -> Writer:
+    def writer(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+        compiler = spec.compiler
+        always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        if compiler.inertiafromgeom == always or compiler.settotalmass > 0:
+            # These would undo the change, so all bodies say what they have come to.
+            compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+            compiler.settotalmass = -1
+            for body in np.flatnonzero(robot.model.body_mass):
+                state_inertia(_by_id(spec.bodies, int(body)), robot.model)
+        for body in np.flatnonzero((wanted != before).reshape(len(wanted), -1).any(axis=1)):
+            element = _by_id(spec.bodies, int(body))
+            if not element.explicitinertial:
+                state_inertia(element, robot.model)
+            setattr(element, name, wanted[body])
+
+    return writer
+
+
+def _contact_writer(elements: str, name: str) -> Writer:
+    """Writes what changed of geoms or of contact pairs."""
+
+    def writer(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+        for number in np.flatnonzero((wanted != before).any(axis=1)):
+            setattr(_by_id(getattr(spec, elements), int(number)), name, wanted[number])
+
+    return writer
 
 
 def _write_gravity(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
     spec.option.gravity = wanted
 
 
+def _write_polynomial(element: Any, value: Field, angle: float) -> None:
+    element.damping[1:] = value
+
+
 _WRITERS: Mapping[str, Writer] = {
+    "dof_dampingpoly": _joint_writer(_write_polynomial, lambda joint: joint.dof),
     "dof_damping": _joint_writer(_set_first("damping"), lambda joint: joint.dof),
     "dof_frictionloss": _joint_writer(_set("frictionloss"), lambda joint: joint.dof),
     "dof_armature": _joint_writer(_set("armature"), lambda joint: joint.dof),
     "dof_solref": _joint_writer(_set("solref_friction"), lambda joint: joint.dof),
     "dof_solimp": _joint_writer(_set("solimp_friction"), lambda joint: joint.dof),
     "jnt_stiffness": _joint_writer(_set_first("stiffness"), lambda joint: joint.id),
+    "jnt_limited": _joint_writer(_set_limited, lambda joint: joint.id),
     "jnt_range": _joint_writer(_set_angle("range"), lambda joint: joint.id),
+    "jnt_solref": _joint_writer(_set("solref_limit"), lambda joint: joint.id),
+    "jnt_solimp": _joint_writer(_set("solimp_limit"), lambda joint: joint.id),
     "qpos0": _joint_writer(_set_angle("ref"), lambda joint: joint.qpos),
     "qpos_spring": _joint_writer(_set_angle("springref"), lambda joint: joint.qpos),
-    "body_mass": _write_mass,
+    "body_mass": _inertial_writer("mass"),
+    "body_ipos": _inertial_writer("ipos"),
     "opt.gravity": _write_gravity,
+    **{
+        f"{element}_{name}": _contact_writer(f"{element}s", name)
+        for element in ("geom", "pair")
+        for name in ("friction", "solref")
+    },
     **{
         f"actuator_{name}": _actuator_writer(name)
         for name in ("gainprm", "biasprm", "biastype", "forcerange", "forcelimited")

@@ -10,36 +10,43 @@ recorded past commands; a trial that diverges predicts NaN.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drive import Drive
+from walkerkit.gap.recordings.base import SIGNALS
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
+from walkerkit.gap.simulation.channel import Channel as Channel
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
-from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.floating import FloatingBase
+from walkerkit.gap.simulation.gear_play import bend, loads
+from walkerkit.gap.simulation.interpolate import at_index, delayed
+from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measured_past
+from walkerkit.gap.simulation.laws import Laws
+from walkerkit.gap.simulation.reading import Reading
+from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds
+from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.start import memory, rest, start_state
-from walkerkit.gap.simulation.steploop import law_arguments, rollout_with_laws
+from walkerkit.gap.simulation.steploop import rollout_with_laws
 from walkerkit.gap.simulation.trials import Trials
 from walkerkit.walkers.batch import LockStep
 
 FloatArray = NDArray[np.float64]
 
 _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
+_CONTROLLED = 1.0  # s of them that controllers which remember targets see besides
+_WARM = 0.15  # s of the measured past that laws see
 _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
 _CHUNK_BYTES = 2**28
+_WORTH_THREADS = 64  # simulations, stepped one by one
+_MOST_REBUILT = 24  # robots kept for variants that need another compilation
+_APART = 0.01  # s; velocities so far apart tell the acceleration
 _RECORDS = {"position": "qpos", "velocity": "qvel", "effort": "qfrc_actuator"}
-
-
-@dataclass(frozen=True, kw_only=True, order=True)
-class Channel:
-    """One measured signal of one joint."""
-
-    joint: str
-    signal: str
 
 
 class _Group:
@@ -53,16 +60,25 @@ class _Group:
         self.segments = segments
         self.rows = rows
         step = robot.model.opt.timestep
-        longest = max(segment.duration for segment in segments)
-        self.steps = int(np.ceil(longest / step - 1e-6)) + 1
+        self.durations = np.array([segment.duration for segment in segments])
+        # Since the log's beginning, when its clock was right.
+        self.elapsed = np.array(
+            [segment.start - float(segment.recording.whole.time[0]) for segment in segments]
+        )
+        self.steps = int(np.ceil(self.durations.max() / step - 1e-6)) + 1
         self.memory = memory(robot.model)
-        self.past = int(np.ceil(_LONGEST_DELAY / step)) + self.memory
+        self.controlled = int(np.ceil(_CONTROLLED / step))
+        self.past = int(np.ceil(_LONGEST_DELAY / step)) + self.memory + self.controlled
         self.joints = segments[0].recording.joints
         self.routes = [routes(robot, segment.recording) for segment in segments]
+        # Windows share their recordings.
+        recordings = {id(segment.recording): segment.recording for segment in segments}
         self.states = {
-            id(segment.recording): MeasuredState(segment.recording, self.joints)
-            for segment in segments
+            key: MeasuredState(recording, self.joints) for key, recording in recordings.items()
         }
+        self.base = (
+            None if robot.base is None else FloatingBase(robot, robot.base, segments, self.states)
+        )
         n = len(segments)
         # One more step than is simulated, so that a delay can be interpolated at the end.
         offsets = step * np.arange(-self.past, self.steps + self.past + 1)
@@ -72,6 +88,24 @@ class _Group:
         for s, segment in enumerate(segments):
             for route in self.routes[s]:
                 self._fill(s, segment, route, segment.start + offsets)
+        joints = [robot.joints[name] for name in self.joints]
+        # A play that is measured itself starts as measured.
+        self.played = [j for j in joints if j.play is not None and j.play.name not in self.joints]
+        self.loads: FloatArray | None = None
+        if self.played:
+            driven = self.ctrl[:, self.past], self.applied[:, self.past]
+            self.loads = loads(robot, self.played, joints, self._measured_states(), driven)
+
+    def _measured_states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities, accelerations at the starts, (n_segments, n_joints) each."""
+        rows = []
+        for segment in self.segments:
+            state, time = self.states[id(segment.recording)], segment.recording.time
+            around = np.clip(segment.start + np.array([-_APART, 0, _APART]), time[0], time[-1])
+            qpos, qvel = state.at(around)
+            rows.append((qpos[1], qvel[1], (qvel[2] - qvel[0]) / (around[2] - around[0])))
+        qpos, qvel, qacc = (np.stack(parts) for parts in zip(*rows, strict=True))
+        return qpos, qvel, qacc
 
     def _fill(self, s: int, segment: Segment, route: Route, time: FloatArray) -> None:
         values = between_samples(segment.recording, route.column, time, self.hold)
@@ -111,6 +145,8 @@ class Replay:
         self.segments = tuple(segments)
         self.channels = tuple(channels)
         self.n_threads = n_threads
+        self._hold: Hold = hold
+        self._rebuilt: OrderedDict[Rebuild, tuple[Rebuilt, Replay]] = OrderedDict()
         lengths = [segment.last - segment.first for segment in segments]
         ends = np.cumsum(lengths)
         rows = [slice(int(e - n), int(e)) for e, n in zip(ends, lengths, strict=True)]
@@ -121,7 +157,7 @@ class Replay:
         self.measured = np.full((int(ends[-1]), len(self.channels)), np.nan)
         for segment, span in zip(segments, rows, strict=True):
             for c, channel in enumerate(self.channels):
-                column = segment.recording.signal(channel.joint, channel.signal)
+                column = channel.measured(segment.recording)
                 if column is not None:
                     self.measured[span, c] = column[segment.first : segment.last]
         self._groups = [
@@ -144,14 +180,43 @@ class Replay:
             (n, rows, channels) what the log would show; NaN where a simulation failed.
         """
         predicted = np.full((trials.n, *self.measured.shape), np.nan)
+        for rebuild, rows in rebuilds(trials):
+            if rebuild.needed:
+                rebuilt, replay = self._on(rebuild)
+                predicted[rows] = replay.predict(rebuilt.trials(trials.rows(rows)))
+            else:
+                predicted[rows] = self._predict(trials.rows(rows))
+        return predicted
+
+    def _on(self, rebuild: Rebuild) -> tuple[Rebuilt, Replay]:
+        """The same segments on another robot; those used last are kept."""
+        found = self._rebuilt.pop(rebuild, None)
+        if found is None:
+            rebuilt = Rebuilt(rebuild, self.robot)
+            replay = Replay(
+                rebuilt.robot,
+                self.segments,
+                self.channels,
+                hold=self._hold,
+                n_threads=self.n_threads,
+            )
+            found = rebuilt, replay
+            while len(self._rebuilt) >= _MOST_REBUILT:
+                self._rebuilt.popitem(last=False)
+        self._rebuilt[rebuild] = found
+        return found
+
+    def _predict(self, trials: Trials) -> FloatArray:
+        """As `predict`, of variants that are simulated on this robot itself."""
+        predicted = np.full((trials.n, *self.measured.shape), np.nan)
         model = self.robot.model
         for group in self._groups:
-            row_bytes = 8 * group.steps * (model.nq + 2 * model.nv + model.nu)
+            row_bytes = 8 * (group.steps + group.past) * (model.nq + 2 * model.nv + model.nu)
             chunk = max(1, _CHUNK_BYTES // (row_bytes * len(group.segments)))
             for start in range(0, trials.n, chunk):
                 rows = np.arange(start, min(start + chunk, trials.n))
-                active = trials.with_laws[rows]
-                for some in (rows[~active], rows[active]):
+                lawful, stepwise = trials.with_laws[rows], trials.stepwise[rows]
+                for some in (rows[~lawful], rows[lawful & ~stepwise], rows[stepwise]):
                     if some.size:
                         predicted[some] = self._simulate(group, trials.rows(some), predicted[some])
         return predicted
@@ -161,67 +226,127 @@ class Replay:
         model, n, n_segments = self.robot.model, trials.n, len(group.segments)
         step = model.opt.timestep
         joints = [self.robot.joints[name] for name in group.joints]
-        delay = np.stack([trials.position_delay[joint.name] for joint in joints], axis=1)
+        delay, rate = _clocks(trials, group.joints)
+        prompt = (1 - rate) * group.elapsed[:, None]  # how late the log is but for its delays
+        behind = prompt + rate * delay
         # The oldest joint's log at the segment's start shows the robot this much earlier. Whole
         # steps, so that controls change when they changed and efforts are read when they were.
-        lead = step * np.ceil(delay.max(axis=1) / step - 1e-9)
-        steps = group.steps + round(lead.max() / step)
+        lead = step * np.ceil(np.maximum(behind.max(axis=2), 0) / step - 1e-9)
+        early = ((rate - 1) * group.durations[:, None] - prompt).max()
+        steps = group.steps + round(lead.max() / step) + int(np.ceil(max(early, 0) / step - 1e-9))
 
-        qpos, qvel = self._initial_state(group, delay - lead[:, None])
+        later = (behind - lead[..., None]) / rate  # than a segment's first sample it starts
+        first_shown = self._initial_state(group, later)
+        readings = [_reading(trials, name) for name in group.joints]
+        first = [
+            reading.joint(first_shown[0][..., [k]], first_shown[1][..., [k]])
+            for k, reading in enumerate(readings)
+        ]
+        qpos, qvel = (np.concatenate(parts, axis=2) for parts in zip(*first, strict=True))
+        places = [joint.qpos for joint in joints], [joint.dof for joint in joints]
+        start_qpos, start_qvel = qpos, qvel
+        if group.base is not None:
+            pose, velocity = group.base.start(lead)
+            start_qpos = np.concatenate([qpos, pose], axis=2)
+            start_qvel = np.concatenate([qvel, velocity], axis=2)
+            for some, more in zip(places, group.base.addresses, strict=True):
+                some.extend(more)
         fields = dict(trials.fields)
         lawful = bool(trials.with_laws.any())
-        shift = np.tile(lead[:, None], model.nu)
+        shift = np.tile(lead[..., None], model.nu)
         for index, (name, drive) in group.drives.items():
-            shift[:, index] += trials.command_delay[name]
-            later = (trials.command_delay[name] != 0) | lawful
-            if model.actuator_delay[drive.actuator] and later.any():
+            shift[..., index] += trials.command_delay[name][:, None]
+            merged = (trials.command_delay[name] != 0) | lawful
+            if model.actuator_delay[drive.actuator] and merged.any():
                 # As one delay: two interpolations between steps would smooth twice. And laws have
                 # to see what the drive sees.
                 own = fields.get("actuator_delay", trials.own("actuator_delay")).copy()
-                shift[later, index] += own[later, drive.actuator]
-                own[later, drive.actuator] = 0
+                shift[merged, :, index] += own[merged, drive.actuator, None]
+                own[merged, drive.actuator] = 0
                 fields["actuator_delay"] = own
-        remembered = group.memory
-        ctrl = _delayed(group.ctrl, group.past - remembered, remembered + steps, shift / step)
+        laws = Laws(model, joints, fields, trials, n_segments) if lawful else None
+        before = group.memory + (group.controlled if lawful else 0)
+        ctrl = delayed(group.ctrl, group.past - before, before + steps, shift / step)
+        clock = (group.elapsed - lead).reshape(-1)
+        ahead = None
+        if laws is not None:
+            sent = ctrl.reshape(n * n_segments, before + steps, -1)
+            sent, ahead = laws.controlled(sent, clock - step * before)
+            ctrl, ahead = sent.reshape(ctrl.shape), None if ahead is None else ahead[:, before:]
         state = start_state(
             model,
-            ctrl[:, :, :remembered],
-            qpos,
-            qvel,
-            ([joint.qpos for joint in joints], [joint.dof for joint in joints]),
+            ctrl[:, :, before - group.memory : before],
+            start_qpos,
+            start_qvel,
+            places,
         )
 
-        record = sorted({_RECORDS[channel.signal] for channel in self.channels})
-        batch = LockStep(
-            model,
-            n * n_segments,
-            fields={k: np.repeat(v, n_segments, axis=0) for k, v in fields.items()},
-            n_threads=self.n_threads,
-        )
+        if group.loads is not None:
+            bend(state, trials, fields, group.played, group.loads)
+        record = sorted({"qpos", *(_RECORDS[c.signal] for c in self.channels if not c.of_base)})
+        each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
+        threads = self.n_threads
+        if laws is not None and laws.stepwise and n * n_segments < _WORTH_THREADS:
+            threads = 1  # which would wait for each other in every step
+        batch = LockStep(model, n * n_segments, fields=each, n_threads=threads)
         applied = self._applied(group, trials, lead, steps)
         start = state.reshape(n * n_segments, -1)
-        controls = ctrl[:, :, remembered:].reshape(n * n_segments, steps, -1)
+        controls = ctrl[:, :, before:].reshape(n * n_segments, steps, -1)
         beside = None if applied is None else applied.reshape(n * n_segments, steps, -1)
+        if group.base is not None:
+            raised = group.base.settle(batch, start, controls[:, 0], each)
         changed = None
-        if lawful:
+        if laws is not None and laws.stepwise:
+            warm = min(int(np.ceil(_WARM / step)), before)
+            q, qd = measured_past(
+                group.segments,
+                [group.states[id(segment.recording)] for segment in group.segments],
+                later,
+                readings,
+                step * np.arange(-warm, 0),
+            )
             rollout, changed = rollout_with_laws(
                 batch,
                 start,
+                laws=laws,
                 ctrl=controls,
                 qfrc_applied=beside,
                 record=record,
-                joints=joints,
-                **law_arguments(model, joints, fields, trials, n_segments),
+                time=clock,
+                ahead=ahead,
+                past=Past(
+                    ctrl=ctrl[:, :, before - warm : before].reshape(len(q), warm, -1),
+                    q=q,
+                    qd=qd,
+                    integral=integral_at_start(
+                        laws, batch, start, group.segments, group.routes, controls[:, 0]
+                    )
+                    if group.base is None
+                    else None,
+                ),
             )
-            changed = changed.reshape(n, n_segments, steps, -1)
         else:
             rollout = batch.rollout(start, ctrl=controls, qfrc_applied=beside, record=record)
+            if laws is not None and ahead is not None and "qfrc_actuator" in record:
+                made = rollout.records["qfrc_actuator"][..., [joint.dof for joint in joints]]
+                changed = laws.shown(made, controls, ahead)
+        if changed is not None:
+            changed = changed.reshape(n, n_segments, steps, -1)
         records = {
             name: values.reshape(n, n_segments, steps, -1)
             for name, values in rollout.records.items()
         }
+        if group.base is not None:
+            poses = records["qpos"][..., group.base.addresses[0]]
+            poses[..., 2] -= raised.reshape(n, n_segments, 1)
+            poses = np.concatenate([pose[:, :, None], poses], axis=2)
+            of_base = [c for c, channel in enumerate(self.channels) if channel.of_base]
+            which = [SIGNALS.index(self.channels[c].signal) for c in of_base]
+            for s, span in enumerate(group.rows):
+                at = (self.time_of_row[span] + lead[:, [s]]) / step
+                out[:, span, of_base] = group.base.shown(poses[:, s], s, at)[..., which]
         for c, channel in enumerate(self.channels):
-            if channel.joint not in group.joints:
+            if channel.of_base or channel.joint not in group.joints:
                 continue
             k = group.joints.index(channel.joint)
             joint = joints[k]
@@ -230,19 +355,27 @@ class Replay:
                 scale = trials.effort_scale[joint.name][:, None, None]
                 offset = trials.effort_offset[joint.name][:, None, None]
                 # Effort is recorded as of the beginning of a step, the state as of its end.
-                series, age = series[..., joint.dof], lead
+                series, age = series[..., joint.dof], lead - prompt[..., k]
                 if applied is not None:  # the same drive makes it, so its log shows it
                     series = series + applied[..., joint.dof]
                 if changed is not None:
                     series = series + changed[..., k]
                 series = scale * series + offset
             else:
-                column = joint.qpos if channel.signal == "position" else joint.dof
-                first = (qpos if channel.signal == "position" else qvel)[:, :, k, None]
-                series = np.concatenate([first, series[..., column]], axis=2)
-                age = lead - delay[:, k]
+                place = np.concatenate(
+                    [qpos[..., [k]], _at_encoder(trials, joint, records["qpos"], "qpos")], axis=2
+                )
+                if channel.signal == "position":
+                    series = readings[k].position(place)
+                else:
+                    speed = np.concatenate(
+                        [qvel[..., [k]], _at_encoder(trials, joint, series, "dof")], axis=2
+                    )
+                    series = readings[k].velocity(place, speed)
+                age = lead - behind[..., k]
             for s, span in enumerate(group.rows):
-                out[:, span, c] = _at(series[:, s], (self.time_of_row[span] + age[:, None]) / step)
+                at = rate[:, 0, [k]] * self.time_of_row[span] + age[:, [s]]
+                out[:, span, c] = at_index(series[:, s], at / step)
         return out
 
     def _applied(
@@ -253,23 +386,50 @@ class Replay:
             return None
         step = self.robot.model.opt.timestep
         nv = self.robot.model.nv
-        applied = _delayed(group.applied, group.past, steps, np.tile(lead[:, None] / step, nv))
+        applied = delayed(group.applied, group.past, steps, np.tile(lead[..., None] / step, nv))
         applied = np.array(applied)
         for name in group.joints:
             applied[..., self.robot.joints[name].dof] /= trials.effort_scale[name][:, None, None]
         return applied
 
     def _initial_state(self, group: _Group, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Measured states at each segment's start, (n, n_segments, n_joints), shifted per joint."""
-        n, n_joints = shift.shape
-        qpos = np.empty((n, len(group.segments), n_joints))
+        """Measured states at each segment's start, shifted by (n, n_segments, n_joints) [s]."""
+        qpos = np.empty(shift.shape)
         qvel = np.empty_like(qpos)
         for s, segment in enumerate(group.segments):
             state = group.states[id(segment.recording)]
-            for k in range(n_joints):
-                q, v = state.at(segment.start + shift[:, k])
+            for k in range(shift.shape[2]):
+                q, v = state.at(segment.start + shift[:, s, k])
                 qpos[:, s, k], qvel[:, s, k] = q[:, k], v[:, k]
         return qpos, qvel
+
+
+def _clocks(trials: Trials, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Delays of the logged positions [s], and seconds per second on the log's clock.
+
+    Both are (n, 1, n_joints).
+    """
+    delay = np.stack([trials.position_delay[name] for name in joints], axis=1)
+    skew = np.stack([trials.clock_skew[name] for name in joints], axis=1)
+    return delay[:, None], 1 / (1 + skew[:, None])
+
+
+def _reading(trials: Trials, joint: str) -> Reading:
+    """A joint's encoder in every trial, for arrays (n, n_segments, steps)."""
+    return Reading(
+        trials.encoder_gain[joint][:, None, None], trials.position_error[joint][:, None, None]
+    )
+
+
+def _at_encoder(
+    trials: Trials, joint: Joint, series: FloatArray, address: Literal["qpos", "dof"]
+) -> FloatArray:
+    """What a joint's encoder sees, (n, n_segments, steps), of the model's positions or speeds."""
+    motor: FloatArray = series[..., getattr(joint, address)]
+    share = trials.load_side[joint.name][:, None, None]
+    if joint.play is None or not share.any():
+        return motor
+    return motor + share * series[..., getattr(joint.play, address)]
 
 
 def _similar_lengths(segments: Sequence[Segment]) -> list[list[int]]:
@@ -286,48 +446,3 @@ def _similar_lengths(segments: Sequence[Segment]) -> list[list[int]]:
         else:
             groups.append([i])
     return [sorted(group) for group in groups]
-
-
-def _delayed(values: FloatArray, past: int, steps: int, shift: FloatArray) -> FloatArray:
-    """Commands of each trial, interpolated linearly between steps as MuJoCo's own delay does.
-
-    Args:
-        values: (n_segments, past + ..., width) held commands; index `past` is the start.
-        past: steps before the start.
-        steps: steps wanted.
-        shift: (n, width) age in steps.
-
-    Returns:
-        (n, n_segments, steps, width).
-    """
-    n, width = shift.shape
-    if not shift.any():
-        return np.broadcast_to(values[None, :, past : past + steps], (n, *values[:, :steps].shape))
-    out = np.empty((n, values.shape[0], steps, width))
-    for row in range(n):
-        for column in range(width):
-            position = past - min(float(shift[row, column]), float(past))
-            whole = int(np.floor(position))
-            part = position - whole
-            early = values[:, whole : whole + steps, column]
-            late = values[:, whole + 1 : whole + 1 + steps, column]
-            out[row, :, :, column] = (1 - part) * early + part * late
-    return out
-
-
-def _at(series: FloatArray, index: FloatArray) -> FloatArray:
-    """Linear interpolation of (n, steps) rows at fractional (n, rows) or (1, rows) indices."""
-    last = series.shape[1] - 1
-    index = np.clip(index, 0, last)
-    if (index == index[:1]).all():
-        index = index[:1]
-        whole = np.minimum(index[0].astype(np.int64), last - 1)
-        part = index[0] - whole
-        early, late = series[:, whole], series[:, whole + 1]
-    else:
-        whole = np.minimum(index.astype(np.int64), last - 1)
-        part = index - whole
-        early = np.take_along_axis(series, whole, axis=1)
-        late = np.take_along_axis(series, whole + 1, axis=1)
-    between: FloatArray = early * (1 - part) + late * part
-    return between

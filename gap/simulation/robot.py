@@ -12,17 +12,37 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
-from xml.etree import ElementTree
+from typing import Literal
 
 import mujoco
 
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
+from walkerkit.actuators.play import play_joint
 from walkerkit.gap.errors import InputError, closest, one_line
 from walkerkit.gap.recordings.manifest import is_callable
+from walkerkit.gap.simulation.base import Base, find_base
+from walkerkit.gap.simulation.ground import Ground, add_floor
+from walkerkit.gap.simulation.made import spec_of
+from walkerkit.gap.simulation.wave import Wave, WaveForm
 
 _MEND = "Mend the MJCF until MuJoCo loads it."
 _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Play:
+    """The joint between a motor's joint and its link (`walkerkit.actuators.play`).
+
+    Attributes:
+        name: its name in the model, may be empty.
+        id: joint id.
+        qpos, dof: address in qpos and qvel.
+    """
+
+    name: str
+    id: int
+    qpos: int
+    dof: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +55,7 @@ class Joint:
         qpos, dof: address in qpos and qvel.
         drives: its actuators.
         slide: True for a slide joint (m, N instead of rad, N·m).
+        play: what is between it and its link, where the model has play there.
     """
 
     name: str
@@ -43,6 +64,7 @@ class Joint:
     dof: int
     drives: tuple[Drive, ...]
     slide: bool
+    play: Play | None = None
 
     def drive(self, kind: TargetKind) -> Drive | None:
         """The actuator that takes targets of this kind, or None."""
@@ -57,11 +79,23 @@ class Measurement:
         position_delay: age of the logged position and velocity [s].
         effort_scale: logged effort over the effort that reaches the joint.
         effort_offset: added to the logged effort [N·m].
+        encoder_gain: a, logged over true position and velocity [1].
+        error_amplitude, error_periods, error_phase: A sin(N q + φ) is added to the logged position
+            at q [rad, or m; per radian or metre; rad].
+        clock_skew: ε, what happens t after the log's first sample is stamped t (1 + ε) [1].
+        load_side: how much of the play between motor and link lies before the encoder: 0 for one
+            on the motor, 1 for one on the link [1].
     """
 
     position_delay: float = 0.0
     effort_scale: float = 1.0
     effort_offset: float = 0.0
+    encoder_gain: float = 1.0
+    error_amplitude: float = 0.0
+    error_periods: float = 1.0
+    error_phase: float = 0.0
+    clock_skew: float = 0.0
+    load_side: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +107,8 @@ class Excursion:
         velocity: peak speed [rad/s].
         acceleration: peak acceleration [rad/s²].
         effort: peak effort, as measured, else as commanded or as the servo would make it [N·m].
+        duration: of the longest recording [s].
+        periods: the most prominent waves of its unexplained effort over its positions.
     """
 
     lower: float = -1.0
@@ -80,11 +116,17 @@ class Excursion:
     velocity: float = 1.0
     acceleration: float = 10.0
     effort: float = 1.0
+    duration: float = 10.0
+    periods: tuple[Wave, ...] = ()
 
     @property
     def range(self) -> float:
         """Width of the positions [rad]."""
         return self.upper - self.lower
+
+    def waves(self, form: WaveForm) -> tuple[Wave, ...]:
+        """The waves of one form, the most prominent first."""
+        return tuple(wave for wave in self.periods if wave.form == form)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +143,8 @@ class Robot:
         hold: what its targets are between samples, where that is known already.
         laws: joint name to the drivetrain laws that it has beside the model, by name, each with its
             parameters.
+        base: what floats, or None for a robot that is mounted or hung up.
+        notes: what a user should know of how the model was read.
     """
 
     source: str
@@ -111,6 +155,8 @@ class Robot:
     excursions: Mapping[str, Excursion] = field(default_factory=dict)
     hold: Literal["zero_order", "linear"] | None = None
     laws: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
+    base: Base | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def path(self) -> Path | None:
@@ -175,29 +221,33 @@ class Robot:
                 )
 
 
-def load_robot(source: str | Path) -> Robot:
+def load_robot(source: str | Path, *, floating: bool = False) -> Robot:
     """Loads and compiles a model.
 
     Args:
         source: path of an MJCF (or URDF) file, or `package.module:callable`, a function without
             arguments that returns a walker, a PyMJCF element, an MjSpec or MJCF text.
+        floating: a walker that has a free joint in an arena has it here too; what is no walker
+            floats or does not as its model says.
 
     Returns:
-        The robot.
+        The robot, on a level floor where it floats and its model has nothing to stand on.
 
     Raises:
         InputError: the file is missing or does not compile, or the robot has no joint to compare.
     """
     name = str(source)
-    spec = _spec_from_callable(name) if is_callable(name) else _spec_from_file(Path(source))
-    return robot_from_spec(spec, name)
+    if is_callable(name):
+        return robot_from_spec(_spec_from_callable(name, floating), name)
+    return robot_from_spec(_spec_from_file(Path(source)), name)
 
 
 def robot_from_spec(spec: mujoco.MjSpec, source: str) -> Robot:
     """Compiles `spec`; `source` names it in messages.
 
     Raises:
-        InputError: it does not compile, its base floats, or it has no named hinge or slide joint.
+        InputError: it does not compile, several robots float in it, or it has no named hinge or
+            slide joint.
     """
     try:
         model = spec.compile()
@@ -205,21 +255,16 @@ def robot_from_spec(spec: mujoco.MjSpec, source: str) -> Robot:
         raise InputError(
             f"{source}: the model does not compile: {one_line(error)}. {_MEND}"
         ) from None
-    floating = [j for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE]
-    if floating:
-        base = model.body(model.jnt_bodyid[floating[0]]).name
-        raise InputError(
-            f"{source}: body {base!r} has a free joint; logs of a floating base are not supported "
-            "yet. Hang the robot up for the recording and remove the free joint."
-        )
-    joints = {
-        model.joint(j).name: _joint(model, j)
-        for j in range(model.njnt)
-        if model.jnt_type[j] in _SCALAR_JOINTS and model.joint(j).name
-    }
+    base = find_base(model, source)
+    notes: tuple[str, ...] = ()
+    if base is not None and not Ground(model):
+        spec = spec.copy()
+        notes = (add_floor(spec),)
+        model = spec.compile()
+    joints = scalar_joints(model)
     if not joints:
         raise InputError(f"{source}: the model has no named hinge or slide joint. Name its joints.")
-    return Robot(source=source, spec=spec, model=model, joints=joints)
+    return Robot(source=source, spec=spec, model=model, joints=joints, base=base, notes=notes)
 
 
 def _spec_from_file(path: Path) -> mujoco.MjSpec:
@@ -235,7 +280,7 @@ def _spec_from_file(path: Path) -> mujoco.MjSpec:
         ) from None
 
 
-def _spec_from_callable(source: str) -> mujoco.MjSpec:
+def _spec_from_callable(source: str, floating: bool) -> mujoco.MjSpec:
     module_name, _, function_name = source.rpartition(":")
     folder = str(Path.cwd())
     if folder not in sys.path:
@@ -254,7 +299,7 @@ def _spec_from_callable(source: str) -> mujoco.MjSpec:
             f"{closest(function_name, vars(module))}. Name one that returns the walker."
         )
     try:
-        return _spec_of(make(), source)
+        return spec_of(make(), source, floating=floating)
     except InputError:
         raise
     except Exception as error:  # it is the user's function
@@ -264,39 +309,30 @@ def _spec_from_callable(source: str) -> mujoco.MjSpec:
         ) from error
 
 
-def _spec_of(made: Any, source: str) -> mujoco.MjSpec:
-    if isinstance(made, mujoco.MjSpec):
-        return made
-    if isinstance(made, str):
-        return mujoco.MjSpec.from_string(made)
-    root = getattr(made, "mjcf_model", made)
-    if not hasattr(root, "to_xml_string"):
-        raise InputError(
-            f"{source}: returned a {type(made).__name__}. "
-            "Return a walker, a PyMJCF element, an MjSpec or MJCF text."
-        )
-    return mujoco.MjSpec.from_string(_plain_names(root.to_xml_string()), assets=root.get_assets())
-
-
-def _plain_names(text: str) -> str:
-    """PyMJCF's text without the names that it makes up and refuses to read again."""
-    root = ElementTree.fromstring(text)
-    for element in root.iter():
-        for key, value in element.attrib.items():
-            if value == "/":
-                element.set(key, "pymjcf")
-            elif value.startswith("//unnamed_"):
-                element.set(key, value.removeprefix("//"))
-    return ElementTree.tostring(root, encoding="unicode")
+def scalar_joints(model: mujoco.MjModel) -> dict[str, Joint]:
+    """The hinge and slide joints of a model that have a name, in kinematic order."""
+    return {
+        model.joint(j).name: _joint(model, j)
+        for j in range(model.njnt)
+        if model.jnt_type[j] in _SCALAR_JOINTS and model.joint(j).name
+    }
 
 
 def _joint(model: mujoco.MjModel, joint: int) -> Joint:
-    name = model.joint(joint).name
+    play = play_joint(model, joint)
     return Joint(
-        name=name,
+        name=model.joint(joint).name,
         id=joint,
         qpos=int(model.jnt_qposadr[joint]),
         dof=int(model.jnt_dofadr[joint]),
         drives=drives_of_joint(model, joint),
         slide=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
+        play=None
+        if play is None
+        else Play(
+            name=model.joint(play).name,
+            id=play,
+            qpos=int(model.jnt_qposadr[play]),
+            dof=int(model.jnt_dofadr[play]),
+        ),
     )

@@ -75,6 +75,7 @@ def with_sidecar(robot: Robot, model_path: Path) -> Robot:
 
 
 def _entry(robot: Robot) -> dict[str, Any]:
+    ideal = asdict(Measurement())
     return {
         "hold": robot.hold,
         "command": {
@@ -84,7 +85,7 @@ def _entry(robot: Robot) -> dict[str, Any]:
             if joint.drives
         },
         "measurement": {
-            name: asdict(measured)
+            name: {key: number for key, number in asdict(measured).items() if number != ideal[key]}
             for name, measured in robot.measurement.items()
             if measured != Measurement()
         },

@@ -69,21 +69,23 @@ def start_state(
     row = np.empty(mujoco.mj_stateSize(model, spec))
     mujoco.mj_getState(model, data, row, spec)
     state = np.tile(row, (*past.shape[:-2], 1))
-    state[..., _before(model, mujoco.mjtState.mjSTATE_QPOS) + np.asarray(addresses[0])] = qpos
-    state[..., _before(model, mujoco.mjtState.mjSTATE_QVEL) + np.asarray(addresses[1])] = qvel
+    state[..., state_offset(model, mujoco.mjtState.mjSTATE_QPOS) + np.asarray(addresses[0])] = qpos
+    state[..., state_offset(model, mujoco.mjtState.mjSTATE_QVEL) + np.asarray(addresses[1])] = qvel
     for actuator in delayed:
         samples, width = model.actuator_history[actuator, 0], model.actuator_ctrlnum[actuator]
         values = past[..., -samples:, _inputs(model, actuator)]
         address = model.actuator_historyadr[actuator] + _HISTORY_HEAD + samples
-        first = _before(model, mujoco.mjtState.mjSTATE_HISTORY) + int(address)
+        first = state_offset(model, mujoco.mjtState.mjSTATE_HISTORY) + int(address)
         state[..., first : first + samples * width] = values.reshape(*values.shape[:-2], -1)
     for filtering in np.flatnonzero(np.isin(model.actuator_dyntype, _FILTERS)):
-        address = _before(model, mujoco.mjtState.mjSTATE_ACT) + model.actuator_actadr[filtering]
+        address = (
+            state_offset(model, mujoco.mjtState.mjSTATE_ACT) + model.actuator_actadr[filtering]
+        )
         state[..., address] = _filtered(model, int(filtering), past)
     return state
 
 
-def _before(model: mujoco.MjModel, component: mujoco.mjtState) -> int:
+def state_offset(model: mujoco.MjModel, component: mujoco.mjtState) -> int:
     """Numbers of a state row before a component: they are laid out in the order of their bits."""
     return int(mujoco.mj_stateSize(model, component.value - 1))
 

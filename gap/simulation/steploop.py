@@ -1,202 +1,166 @@
 """Simulations in lock step with laws that MuJoCo does not have, run before each of their steps.
 
 The model's own drives still make the effort, so that MuJoCo integrates their damping as it always
-does; what the laws change of it is applied to the joint beside them. `DriveForces` says what a
-drive is about to make.
+does; what the laws change of it is applied to the joint beside them. What the laws remember of the
+time before the first step comes from what was measured then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drive import Drive
-from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw, LawBank, Step
-from walkerkit.gap.simulation.robot import Joint
-from walkerkit.gap.simulation.trials import Trials
+from walkerkit.actuators.drivetrain import IntegralAction, LawBank
+from walkerkit.gap.simulation.drive_forces import adjoining
+from walkerkit.gap.simulation.law_memory import Past
+from walkerkit.gap.simulation.laws import Laws
 from walkerkit.walkers.batch import LockStep, Rollout
 
 FloatArray = NDArray[np.float64]
-
-DRIVE_FIELDS = (
-    "actuator_gear",
-    "actuator_gainprm",
-    "actuator_biastype",
-    "actuator_biasprm",
-    "actuator_forcelimited",
-    "actuator_forcerange",
-)
-_AFFINE = int(mujoco.mjtBias.mjBIAS_AFFINE)
-
-
-class DriveForces:
-    """Efforts of the affine drives of some joints, in many simulations at once.
-
-    Args:
-        model: the model.
-        joints: the joints, each with one drive at most that follows a target (the first).
-        fields: model fields of which each simulation has its own, (n_sims, *shape).
-        n_sims: number of simulations.
-    """
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        joints: Sequence[Joint],
-        fields: Mapping[str, NDArray[Any]],
-        n_sims: int,
-    ):
-        self.columns = np.array([k for k, joint in enumerate(joints) if joint.drives], dtype=int)
-        drives: list[Drive] = [joint.drives[0] for joint in joints if joint.drives]
-        ids = [drive.actuator for drive in drives]
-        outputs = model.actuator_outadr[ids]
-        self.ctrl = np.array([drive.ctrl for drive in drives], dtype=int)
-        self.slope = np.array([drive.slope for drive in drives])
-        self.offset = np.array([drive.offset for drive in drives])
-        self.positions = np.array([drive.kind == "position" for drive in drives])
-
-        def field(name: str) -> FloatArray:
-            own = fields.get(name)
-            if own is None:
-                own = np.asarray(getattr(model, name))[None]
-            return np.asarray(own, dtype=np.float64)
-
-        self._gear = field("actuator_gear")[:, outputs, 0]
-        self._gain = field("actuator_gainprm")[:, ids, 0]
-        affine = field("actuator_biastype")[:, ids, None] == _AFFINE
-        self._bias = np.where(affine, field("actuator_biasprm")[:, ids, :3], 0.0)
-        limited = field("actuator_forcelimited")[:, ids, None] != 0
-        self._limits = np.where(limited, field("actuator_forcerange")[:, ids], [-np.inf, np.inf])
-        controlled = model.actuator_ctrllimited[self.ctrl].astype(bool)[:, None]
-        self._ctrl_limits = np.where(
-            controlled, model.actuator_ctrlrange[self.ctrl], [[-np.inf, np.inf]]
-        )
-        shape = (n_sims, len(joints))
-        self.stiffness, self.damping = np.zeros(shape), np.zeros(shape)
-        self.limit = np.full(shape, np.inf)
-        at = self.columns
-        self.stiffness[:, at] = -self._bias[..., 1] * self._gear**2
-        self.damping[:, at] = -self._bias[..., 2] * self._gear**2
-        self.limit[:, at] = self._limits[..., 1] * np.abs(self._gear)
-
-    def effort(self, ctrl: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """Effort of each joint's drive, (n_sims, n_joints).
-
-        Args:
-            ctrl: (n_sims, n_drives) controls.
-            q: (n_sims, n_joints) positions [rad; m].
-            qd: (n_sims, n_joints) velocities [rad/s; m/s].
-        """
-        at = self.columns
-        control = np.clip(ctrl, self._ctrl_limits[:, 0], self._ctrl_limits[:, 1])
-        length, speed = self._gear * q[:, at], self._gear * qd[:, at]
-        force = self._gain * control + self._bias[..., 0]
-        force += self._bias[..., 1] * length + self._bias[..., 2] * speed
-        total = np.zeros_like(q)
-        total[:, at] = self._gear * np.clip(force, self._limits[..., 0], self._limits[..., 1])
-        return total
-
-
-def law_arguments(
-    model: mujoco.MjModel,
-    joints: Sequence[Joint],
-    fields: Mapping[str, NDArray[Any]],
-    trials: Trials,
-    n_segments: int,
-) -> dict[str, Any]:
-    """The drives and the laws of all segments of all variants, for `rollout_with_laws`."""
-    n_sims, names = trials.n * n_segments, [joint.name for joint in joints]
-    repeated = {
-        name: np.repeat(values, n_segments, axis=0)
-        for name, values in fields.items()
-        if name in DRIVE_FIELDS
-    }
-    parameters: dict[type[DrivetrainLaw], dict[str, FloatArray]] = {}
-    for (law, joint, name), values in trials.laws.items():
-        if joint in names:
-            of_law = parameters.setdefault(
-                law, {p: np.full((n_sims, len(joints)), law.neutral[p]) for p in law.neutral}
-            )
-            of_law[name][:, names.index(joint)] = np.repeat(values, n_segments)
-    return {
-        "forces": DriveForces(model, joints, repeated, n_sims),
-        "bank": LawBank(
-            [(law, parameters[law]) for law in LAWS.values() if law in parameters],
-            (n_sims, len(joints)),
-        ),
-    }
 
 
 def rollout_with_laws(
     batch: LockStep,
     state: FloatArray,
     *,
+    laws: Laws,
     ctrl: FloatArray,
     qfrc_applied: FloatArray | None,
     record: Sequence[str],
-    joints: Sequence[Joint],
-    forces: DriveForces,
-    bank: LawBank,
-) -> tuple[Rollout, FloatArray]:
+    time: FloatArray,
+    ahead: FloatArray | None = None,
+    past: Past | None = None,
+) -> tuple[Rollout, FloatArray | None]:
     """As `LockStep.rollout`, with laws before each step.
 
     Args:
         batch: the simulations.
         state: (n_sims, nstate) where they start.
+        laws: the laws, of which those that are run step by step act.
         ctrl: (n_sims, n_steps, nu) controls as the drives receive them.
         qfrc_applied: (n_sims, n_steps, nv) effort applied beside them, or None.
         record: fields to keep after every step.
-        joints: the joints that the laws act on.
-        forces: their drives.
-        bank: the laws.
+        time: (n_sims,) of the first step, by the robot's clock [s].
+        ahead: (n_sims, n_steps, n_joints) what targets are at the steps' beginnings over what
+            `ctrl` says; None where they are the same.
+        past: what the laws saw before it; None for nothing.
 
     Returns:
         What was recorded, and (n_sims, n_steps, n_joints) what the laws changed of the effort that
-        the drives report.
+        the drives report at the steps' beginnings, or None where they do not touch it.
     """
-    qposes, dofs = [joint.qpos for joint in joints], [joint.dof for joint in joints]
     n_sims, n_steps = ctrl.shape[:2]
-    changed = np.zeros((n_sims, n_steps, len(joints)))
-    dry = batch.parameter("dof_frictionloss")
-    own_dry = dry[:, dofs].copy()
-    dt = float(batch.model.opt.timestep)
-    zeros = np.zeros((n_sims, len(joints)))
+    bank, forces = laws.bank(), laws.forces
+    loop = _Loop(laws, bank)
+    qposes = adjoining([joint.qpos for joint in laws.joints])
+    dofs = adjoining([joint.dof for joint in laws.joints])
+    live_qpos, live_qvel = batch.live("qpos"), batch.live("qvel")
+    live_ctrl, live_applied = batch.live("ctrl"), batch.live("qfrc_applied")
+    act = None if forces.filters is None else batch.live("act")
+    changed = None
+    if ahead is not None or bank.has("controller") or bank.has("drive"):
+        changed = np.zeros((n_sims, n_steps, len(laws.joints)))
+    held = batch.derived("qfrc_constraint") if bank.reads_held else None
+    plays = [(k, joint.play) for k, joint in enumerate(laws.joints) if joint.play is not None]
+    if bank.reads_play:
+        loop.step.play, loop.step.play_speed = np.zeros((2, *laws.shape))
+    rubbing, rubbed = bank.has("joint"), False
+    if rubbing:
+        dry = batch.parameter("dof_frictionloss")
+        loop.step.dry = own_dry = dry[:, dofs].copy()
 
-    def before(k: int, qpos: FloatArray, qvel: FloatArray, now: FloatArray) -> FloatArray:
-        q, qd = qpos[:, qposes], qvel[:, dofs]
-        target = zeros.copy()
-        target[:, forces.columns] = (ctrl[:, k, forces.ctrl] - forces.offset) / forces.slope
-        step = Step(
-            dt=dt,
-            time=np.full((n_sims, 1), k * dt),
-            q=q,
-            qd=qd,
-            stiffness=forces.stiffness,
-            damping=forces.damping,
-            limit=forces.limit,
-            target=target,
-            effort=zeros,
-            extra=zeros.copy(),
-            friction=zeros.copy(),
-        )
-        bank.run("controller", step)
-        now[...] = ctrl[:, k]
-        control = forces.slope * step.target[:, forces.columns] + forces.offset
-        now[:, forces.ctrl] = control
-        made = forces.effort(control, q, qd)
-        step.effort = made
-        bank.run("drive", step)
-        bank.run("joint", step)
-        changed[:, k] = step.effort - made
-        dry[:, dofs] = np.maximum(own_dry + step.friction, 0.0)
-        applied = np.zeros((n_sims, batch.model.nv))
-        applied[:, dofs] = changed[:, k] + step.extra
-        if qfrc_applied is not None:
-            applied += qfrc_applied[:, k]
-        return applied
+    def before(k: int) -> None:
+        nonlocal rubbed
+        if held is not None:
+            loop.step.held = held[:, dofs]
+        for column, play in plays if bank.reads_play else ():
+            loop.step.play[:, column] = live_qpos[:, play.qpos]
+            loop.step.play_speed[:, column] = live_qvel[:, play.dof]
+        loop.run(k, live_qpos[:, qposes], live_qvel[:, dofs], act)
+        live_ctrl[...] = ctrl[:, k]
+        if loop.control is not None:
+            live_ctrl[:, forces.ctrl] = loop.control
+        live_applied[...] = 0.0 if qfrc_applied is None else qfrc_applied[:, k]
+        if changed is not None:
+            changed[:, k] = loop.changed + loop.step.effort_ahead
+            live_applied[:, dofs] += loop.changed
+        if rubbing:
+            live_applied[:, dofs] += loop.step.extra
+            friction = loop.step.friction
+            if rubbed or friction.any():
+                dry[:, dofs] = np.maximum(own_dry + friction, 0.0)
+                rubbed = True
 
-    return batch.step_by_step(state, n_steps, before, record=record), changed
+    # A variant that is about to diverge is not worth a warning.
+    with np.errstate(all="ignore"):
+        if past is not None:
+            loop.begin(past.ctrl, time - laws.dt * past.ctrl.shape[1])
+            for k in range(past.ctrl.shape[1]):
+                loop.warm(k, past.q[:, k], past.qd[:, k])
+            if past.integral is not None:
+                bank.remember(IntegralAction, {"effort": past.integral})
+        loop.begin(ctrl, time, ahead)
+        return batch.step_by_step(state, n_steps, before, record=record), changed
+
+
+class _Loop:
+    """The laws of one step after the other.
+
+    Attributes:
+        step: the step as the laws left it.
+        control: (n_sims, n_drives) controls that the laws moved, or None where none does.
+        changed: (n_sims, n_joints) what they changed of the effort that the drives report.
+    """
+
+    def __init__(self, laws: Laws, bank: LawBank):
+        self._forces, self._bank = laws.forces, bank
+        self._controlling = bank.has("controller")
+        self.step = laws.step()
+        self.control: FloatArray | None = None
+        self.changed = self.step.effort
+        self._start = self.step.time
+        self._controls = self._targets = self._asked = self._zeros = self.step.effort
+        self._ahead: FloatArray | None = None
+
+    def begin(self, ctrl: FloatArray, time: FloatArray, ahead: FloatArray | None = None) -> None:
+        """Takes up the controls of the steps that follow, (n_sims, n_steps, nu), from a time on."""
+        self._ahead = ahead
+        self._start = time[:, None]
+        self._controls = np.ascontiguousarray(ctrl[..., self._forces.ctrl].swapaxes(0, 1))
+        self._targets = self._forces.targets(self._controls)
+        self._asked = self._forces.asked(self._controls)
+
+    def run(self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None) -> None:
+        """Runs the laws for step k, (n_sims, ...) arrays each."""
+        made = self._driven(k, q, qd, act)
+        self._bank.run("joint", self.step)
+        self.changed = self.step.effort - made
+
+    def warm(self, k: int, q: FloatArray, qd: FloatArray) -> None:
+        """Lets the laws of controller and drive see a step of the past."""
+        self._driven(k, q, qd, None)
+
+    def _driven(self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None) -> FloatArray:
+        """Runs controller and drive; returns the effort made without laws of the drive."""
+        step, forces = self.step, self._forces
+        step.time = self._start + k * step.dt
+        step.q, step.qd = q, qd
+        step.target, asked = self._targets[k], self._asked[k]
+        step.target_ahead = self._zeros if self._ahead is None else self._ahead[:, k]
+        if self._controlling:
+            self._bank.run("controller", step)
+            self.control = forces.moved(self._controls[k], step.target - self._targets[k])
+            asked = forces.asked(self.control, act)
+        elif act is not None:
+            asked = forces.asked(self._controls[k], act)
+        step.extra.fill(0.0)
+        step.friction.fill(0.0)
+        made = step.effort = forces.effort(asked, q, qd)
+        step.effort_ahead = self._zeros
+        if step.target_ahead is not self._zeros:
+            control = self._controls[k] if self.control is None else self.control
+            step.effort_ahead = forces.ahead(made, control, step.target_ahead)
+        self._bank.run("drive", step)
+        return made

@@ -11,7 +11,7 @@ a few lines that write here; replay and the writer of the mended model read it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -22,6 +22,8 @@ from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw
 from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
+
+_PLAY = ("width", "compliance", "damping_ratio", "armature")
 
 
 class Trials:
@@ -36,8 +38,16 @@ class Trials:
         position_delay: joint to (n,) age of its logged position and velocity [s].
         effort_scale: joint to (n,) logged effort over the drive's effort at the joint.
         effort_offset: joint to (n,) added to the logged effort [N·m].
+        encoder_gain: joint to (n,) logged over true position and velocity [1].
+        position_error: joint to (n, 3) amplitude, periods and phase of A sin(N q + φ), which is
+            added to the logged position [rad; 1/rad; rad].
+        clock_skew: joint to (n,) ε: what happens t after the log's first sample is stamped
+            t (1 + ε) [1].
+        load_side: joint to (n,) how much of its play lies before the encoder that is logged and
+            fed back [1].
         fields: model field to its (n, *shape) values, of the fields that were asked for.
         laws: drivetrain law, joint and parameter to its (n,) values, of the laws asked for.
+        plays: joint and number to its (n,) values, of the joints whose play was asked for.
     """
 
     def __init__(self, robot: Robot, n: int):
@@ -48,6 +58,13 @@ class Trials:
         self.position_delay = {j: np.full(n, known[j].position_delay) for j in known}
         self.effort_scale = {j: np.full(n, known[j].effort_scale) for j in known}
         self.effort_offset = {j: np.full(n, known[j].effort_offset) for j in known}
+        self.encoder_gain = {j: np.full(n, known[j].encoder_gain) for j in known}
+        self.position_error = {
+            j: np.tile([k.error_amplitude, k.error_periods, k.error_phase], (n, 1))
+            for j, k in known.items()
+        }
+        self.clock_skew = {j: np.full(n, known[j].clock_skew) for j in known}
+        self.load_side = {j: np.full(n, known[j].load_side) for j in known}
         self.fields: dict[str, NDArray[Any]] = {}
         self.laws: dict[tuple[type[DrivetrainLaw], str, str], FloatArray] = {
             (LAWS[law], joint, name): np.full(n, value)
@@ -55,6 +72,7 @@ class Trials:
             for law, parameters in laws.items()
             for name, value in parameters.items()
         }
+        self.plays: dict[tuple[str, str], FloatArray] = {}
 
     def field(self, name: str) -> NDArray[Any]:
         """The (n, *shape) values of a model field, or of an `opt.` field, to write to."""
@@ -73,13 +91,33 @@ class Trials:
                 self.laws[law, joint, name] = np.full(self.n, law.neutral[name])
         return {name: self.laws[law, joint, name] for name in law.parameter_names()}
 
+    def play(self, joint: str) -> dict[str, FloatArray]:
+        """The play between a joint and its link, (n,) values each, none at first, to write to.
+
+        `width` of a gap [rad; m]; `compliance` of the gear [rad/(N·m); m/N] and its
+        `damping_ratio`, for rotor against link; there is play where one of the first two is not 0.
+        `armature` is then added to the joint's, which is that of its rotor [kg·m²; kg].
+        """
+        for name in _PLAY:
+            if (joint, name) not in self.plays:
+                self.plays[joint, name] = np.zeros(self.n)
+        return {name: self.plays[joint, name] for name in _PLAY}
+
     @property
     def with_laws(self) -> NDArray[np.bool_]:
         """(n,) whether a law does anything in a variant."""
+        return self._acting(list(self.laws))
+
+    @property
+    def stepwise(self) -> NDArray[np.bool_]:
+        """(n,) whether a law does anything that cannot be known before the simulation."""
+        return self._acting([key for key in self.laws if not key[0].targets_only])
+
+    def _acting(self, laws: Sequence[tuple[type[DrivetrainLaw], str, str]]) -> NDArray[np.bool_]:
         active = np.zeros(self.n, dtype=bool)
-        for (law, _, name), values in self.laws.items():
+        for law, joint, name in laws:
             if name in law.parameter_names()[: law.sizes]:
-                active |= values != law.neutral[name]
+                active |= self.laws[law, joint, name] != law.neutral[name]
         return active
 
     def rows(self, rows: slice | NDArray[np.intp]) -> Trials:
@@ -88,6 +126,20 @@ class Trials:
         for mine, theirs in zip(self._columns(), part._columns(), strict=True):
             theirs.update({name: values[rows] for name, values in mine.items()})
         return part
+
+    def on(self, robot: Robot, carried: Callable[[str, NDArray[Any]], NDArray[Any]]) -> Trials:
+        """The variants on a robot that has their plays, and more, in its model.
+
+        Args:
+            robot: the robot, with all joints of this one.
+            carried: a model field's name and its (n, *shape) values here → its values there.
+        """
+        there = Trials(robot, self.n)
+        for mine, theirs in zip(self._columns(), there._columns(), strict=True):
+            theirs.update({name: values.copy() for name, values in mine.items()})
+        there.fields.update({name: carried(name, own) for name, own in self.fields.items()})
+        there.plays.clear()
+        return there
 
     @classmethod
     def joined(cls, blocks: Sequence[Trials]) -> Trials:
@@ -99,6 +151,9 @@ class Trials:
         for law, joint in dict.fromkeys((law, j) for block in blocks for law, j, _ in block.laws):
             for block in blocks:
                 block.law(law, joint)
+        for joint in dict.fromkeys(joint for block in blocks for joint, _ in block.plays):
+            for block in blocks:
+                block.play(joint)
         for k, columns in enumerate(whole._columns()):
             parts = [block._columns()[k] for block in blocks]
             columns.update({name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
@@ -110,8 +165,13 @@ class Trials:
             self.position_delay,
             self.effort_scale,
             self.effort_offset,
+            self.encoder_gain,
+            self.position_error,
+            self.clock_skew,
+            self.load_side,
             self.fields,
             self.laws,
+            self.plays,
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from walkerkit.gap.report.diagnosis import (
     Diagnosis,
     Estimate,
     Gap,
+    GapMap,
     GapSize,
     Location,
     NamedEffect,
@@ -89,6 +91,8 @@ def leg_diagnosis(
                         std=0.0041,
                         unit="N·m",
                         at_bound=False,
+                        lower=0.0,
+                        upper=3.2,
                     ),
                 ),
                 gap_after=0.0011,
@@ -108,6 +112,20 @@ def leg_diagnosis(
             for joint, error in ((hip, 0.001), (thigh, 0.002), (calf, 0.012))
         ),
         seconds=seconds,
+        maps=(
+            GapMap(
+                signal="position",
+                unit="rad",
+                before=_cells(0.0066, hip=(hip, 0.05), thigh=(thigh, 0.12), calf=(calf, 0.83)),
+                after=_cells(0.0011, hip=(hip, 0.33), thigh=(thigh, 0.33), calf=(calf, 0.34)),
+            ),
+            GapMap(
+                signal="effort",
+                unit="N·m",
+                before=_cells(0.52, hip=(hip, 0.2), thigh=(thigh, 0.2), calf=(calf, 0.6)),
+                after=_cells(0.041, hip=(hip, 0.3), thigh=(thigh, 0.3), calf=(calf, 0.4)),
+            ),
+        ),
     )
 
 
@@ -185,6 +203,10 @@ def _locations(**parts: tuple[str, float]) -> tuple[Location, ...]:
     return (*standing_out, *sorted(whole, key=lambda at: -at.share))
 
 
+def _cells(rms: float, **parts: tuple[str, float]) -> tuple[Location, ...]:
+    return tuple(replace(at, rms=rms * at.lift**0.5) for at in _locations(**parts))
+
+
 def _trace(recording: str, joint: str, error: float, samples: int) -> Trace:
     time = np.arange(samples) / 250.0
     random = np.random.default_rng(sum(map(ord, recording)))
@@ -201,6 +223,7 @@ def _trace(recording: str, joint: str, error: float, samples: int) -> Trace:
         measured=ideal - lag + 0.001 * random.standard_normal(samples),
         before=ideal,
         after=ideal - lag,
+        target=ideal + 0.02 * np.sin(phase),
     )
 
 

@@ -275,8 +275,10 @@ BAD_MODELS: dict[str, tuple[str | None, tuple[str, ...]]] = {
         ("no named hinge or slide joint",),
     ),
     "floating base": (
-        SERVO.replace("<joint name=", '<freejoint/><geom size="1"/></body><body><joint name='),
-        ("free joint", "not supported", "remove the free joint"),
+        SERVO.replace("<joint name=", '<freejoint/><geom size="1"/><body><joint name=').replace(
+            "</body>", "</body></body>", 1
+        ),
+        ("a.csv", "floats", "'base/position_x'", "remove the free joint"),
     ),
     "other joint": (SERVO.replace("knee", "elbow"), ("a.csv", "'knee'", "elbow")),
     "motor": (

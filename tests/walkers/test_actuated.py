@@ -354,7 +354,7 @@ OPTIONS = {
             IntegralAction(**HIPS_ONLY, gain=5.0),
             ActuatorLag(**HIPS_ONLY, time_constant=0.01),
             StrengthDrift(**HIPS_ONLY, rate=0.5),
-            PreslidingFriction(**HIPS_ONLY, frictionloss=0.2, bristle_stiffness=50.0),
+            PreslidingFriction(**HIPS_ONLY, bristle_stiffness=50.0),
             LoadDependentFriction(**HIPS_ONLY, coefficient=0.1),
         )
     },

@@ -36,7 +36,7 @@ LAWS = (
     TorqueSpeedLimit(**EVERY, saturation_effort=25.0, velocity_limit=15.0),
     StribeckFriction(**EVERY, breakaway=0.5, velocity=0.1),
     Cogging(joint_names_expr=("calf",), amplitude=0.3, periods=20.0),
-    PreslidingFriction(joint_names_expr=("thigh",), frictionloss=0.4, bristle_stiffness=60.0),
+    PreslidingFriction(joint_names_expr=("thigh",), bristle_stiffness=60.0),
 )
 STEPS = 400
 

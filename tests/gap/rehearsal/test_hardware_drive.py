@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.rehearsal.hardware_drive import PRESLIDING, Bristles, Drives, load_rig
+from walkerkit.gap.rehearsal.hardware_drive import Drives, load_rig
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 
 ARM = """
@@ -43,7 +43,9 @@ class TestDrives:
             data.qpos[:], data.qvel[:] = rng.normal(size=(2, 3))
             data.ctrl[:] = rng.normal(size=2)
             mujoco.mj_forward(native, data)
-            commanded = drives.commanded(data.ctrl, data.qpos[drives.qpos], data.qvel[drives.dofs])
+            target = np.clip(data.ctrl, *drives.target_range)
+            asked = drives.asked(target, data.qpos[drives.qpos], data.qvel[drives.dofs])
+            commanded = np.clip(asked, *drives.effort_range)
             np.testing.assert_allclose(
                 commanded, data.qfrc_actuator[drives.dofs], rtol=1e-12, atol=1e-12
             )
@@ -59,9 +61,9 @@ class TestDrives:
     def test_many_simulations_are_each_alone(self):
         drives = Drives(model())
         u, q, qd = np.random.default_rng(1).normal(size=(3, 5, 2))
-        together = drives.delivered(drives.commanded(u, q, qd), q)
+        together = drives.asked(u, *drives.read(q, qd)) + drives.springs(q)
         for i in range(5):
-            alone = drives.delivered(drives.commanded(u[i], q[i], qd[i]), q[i])
+            alone = drives.asked(u[i], *drives.read(q[i], qd[i])) + drives.springs(q[i])
             np.testing.assert_array_equal(together[i], alone)
 
     def test_hidden_numbers_pile_up(self):
@@ -82,12 +84,17 @@ class TestDrives:
         drives.hide(everywhere("parallel_spring", stiffness=2.0, springref=0.3))
         drives.hide(everywhere("parallel_spring", stiffness=1.0, springref=-0.6))
         q = np.array([0.2, -1.0])
-        pulled = drives.delivered(np.zeros(2), q)
-        np.testing.assert_allclose(pulled, -2.0 * (q - 0.3) - 1.0 * (q + 0.6))
+        np.testing.assert_allclose(drives.springs(q), -2.0 * (q - 0.3) - 1.0 * (q + 0.6))
 
-    def test_refuses_what_is_no_drive_s(self):
-        with pytest.raises(ValueError, match="payload is hidden in the rigid bodies"):
-            Drives(model()).hide(HiddenEffect(effect="payload", bodies=("x",), values={"mass": 1}))
+    def test_encoders_read_too_steeply_about_zero_and_then_too_much(self):
+        drives = Drives(model())
+        drives.hide(everywhere("encoder_offset", offset=0.05))
+        drives.hide(everywhere("encoder_gain", excess=0.1))
+        position, speed = drives.read(np.array([1.0, 0.0]), np.array([2.0, -1.0]))
+        np.testing.assert_allclose(position, [1.15, 0.05])
+        np.testing.assert_allclose(speed, [2.2, -1.1])
+
+    def test_refuses_joints_without_a_drive(self):
         with pytest.raises(InputError, match=r"hidden in 'passive'.*it has elbow, shoulder"):
             Drives(model()).hide(
                 HiddenEffect(effect="torque_bias", joints=("passive",), values={"bias": 1})
@@ -129,64 +136,3 @@ def test_refuses_files_that_do_not_load(tmp_path, text):
     with pytest.raises(InputError, match=r"broken\.xml: the model does not load: .*") as refusal:
         load_rig(file)
     assert "\n" not in str(refusal.value)
-
-
-class TestBristles:
-    LIMIT = np.array([0.8])
-    INERTIA = np.array([10.0])
-
-    def bristles(self, step, limit=LIMIT):
-        return Bristles(limit, self.INERTIA, step, 1)
-
-    def after(self, path, step):
-        bristles = self.bristles(step)
-        return np.array([bristles.torque(np.array([[v]]))[0, 0] for v in np.diff(path) / step])
-
-    @pytest.mark.parametrize("speed", [1e-3, 0.1, 50.0])
-    def test_slides_at_coulomb_friction_at_any_speed_and_step(self, speed):
-        bristles = self.bristles(0.01)
-        for direction in (1.0, -1.0):
-            steps = int(20 * PRESLIDING / (speed * 0.01)) + 1
-            for _ in range(steps):
-                torque = bristles.torque(np.array([[direction * speed]]))
-            np.testing.assert_allclose(torque[0], -direction * self.LIMIT, rtol=1e-6)
-
-    def test_is_exact_however_the_motion_is_cut_into_steps(self):
-        # 1.2 bends forward, 0.4 back.
-        forward, back = 1.2 * PRESLIDING, -0.4 * PRESLIDING
-        expected = 0.8 * (1 - np.exp(-1.2))
-        expected = expected * np.exp(-0.4) - 0.8 * (1 - np.exp(-0.4))
-        for pieces in (1, 3, 100):
-            path = np.concatenate(
-                [
-                    np.linspace(0, forward, pieces + 1),
-                    forward + np.linspace(0, back, pieces + 1)[1:],
-                ]
-            )
-            np.testing.assert_allclose(self.after(path, 1e-3)[-1], -expected, rtol=1e-9)
-
-    def test_springs_back_before_it_slides(self):
-        small = 0.01 * PRESLIDING
-        torque = self.after(np.array([0.0, small, 0.0]), 1e-3)
-        np.testing.assert_allclose(torque[0], -0.8 / PRESLIDING * small, rtol=0.01)
-        assert abs(torque[1]) < 0.02 * abs(torque[0])
-
-    def test_never_gives_energy_away(self):
-        rng = np.random.default_rng(2)
-        path = np.cumsum(np.cumsum(rng.normal(size=20000))) * 1e-7
-        path -= np.linspace(path[0], path[-1], path.size)
-        work = self.after(path, 1e-3) @ np.diff(path)
-        assert work < 0
-
-    def test_no_friction_is_no_torque(self):
-        bristles = self.bristles(1e-3, np.zeros(1))
-        np.testing.assert_array_equal(bristles.torque(np.array([[3.0]])), 0.0)
-
-    def test_is_softer_where_the_inertia_is_too_light_for_the_step(self):
-        light = Bristles(self.LIMIT, np.array([1e-6]), 1e-3, 1)
-        q, qd = 0.0, 0.05
-        for _ in range(3000):
-            torque = light.torque(np.array([[qd]]))[0, 0]
-            qd += 1e-3 * torque / 1e-6
-            q += 1e-3 * qd
-            assert abs(qd) < 0.1

@@ -5,8 +5,10 @@ import pickle
 import numpy as np
 import pytest
 
+from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.rehearsal.hidden import HIDEABLE, HiddenEffect
+from walkerkit.gap.rehearsal.hidden import HiddenEffect, total
+from walkerkit.gap.rehearsal.hideable import HIDEABLE, NAMELESS
 
 NAMES = ("hip", "thigh", "calf")
 
@@ -16,23 +18,14 @@ def effect(name="coulomb_friction", **changed):
     return HiddenEffect(effect=name, **arguments)
 
 
-def test_hideable_names_are_the_promised_ones():
-    assert set(HIDEABLE) == {
-        "viscous_friction",
-        "coulomb_friction",
-        "armature",
-        "command_delay",
-        "sensor_delay",
-        "position_gain",
-        "velocity_gain",
-        "torque_constant",
-        "effort_limit",
-        "payload",
-        "base_tilt",
-        "encoder_offset",
-        "torque_bias",
-        "parallel_spring",
-    }
+# Those of the ground need feet on it; a timestep is the simulation's, not the robot's.
+_NOT_HIDEABLE = {"ground_friction", "ground_compliance", "timestep"}
+
+
+def test_everything_that_the_workflow_names_can_be_hidden():
+    assert set(CATALOGUE) - _NOT_HIDEABLE <= set(HIDEABLE)
+    assert len(HIDEABLE) == 44 - len(_NOT_HIDEABLE)
+    assert not set(NAMELESS) & set(CATALOGUE)
 
 
 def test_spreads_own_shared_and_absent_values_over_the_model():
@@ -109,7 +102,7 @@ def test_keeps_a_copy_of_its_values():
     ("arguments", "message"),
     [
         ({"name": "coulomb"}, r"'coulomb' cannot be hidden.*'coulomb_friction'"),
-        ({"name": "backlash"}, r"'backlash' cannot be hidden.*choose from viscous_friction, "),
+        ({"name": "timestep"}, r"'timestep' cannot be hidden.*choose from viscous_friction, "),
         ({"joints": ()}, r"names no joints; give joints=\(name, ...\), or \(\"\*\",\) for all"),
         ({"bodies": ("calf",)}, "is an effect of the joints, not of the bodies"),
         ({"joints": ("calf", "calf")}, "give each name once"),
@@ -148,3 +141,27 @@ def test_refuses_joints_that_the_model_lacks():
 def test_refuses_values_that_it_lacks():
     with pytest.raises(InputError, match="no value of 'damping' for 'calf'; it has frictionloss"):
         effect().value("damping", "calf")
+
+
+def test_makes_itself_stronger_and_weaker():
+    limit = HiddenEffect(
+        effect="torque_speed_limit",
+        joints=("calf",),
+        values={"saturation_effort": 3.0, "calf/velocity_limit": 6.0},
+    )
+    assert limit.stronger(1.5).values == {"saturation_effort": 2.0, "calf/velocity_limit": 4.0}
+    wave = effect("cogging", values={"amplitude": 0.2, "periods": 12.0, "phase": 0.4})
+    assert wave.stronger(0.5).values == {"amplitude": 0.1, "periods": 12.0, "phase": 0.4}
+    assert wave.stronger(0.5).joints == wave.joints
+    two = effect(joints=("hip", "calf"), values={"hip/frictionloss": 1, "calf/frictionloss": 2})
+    assert two.stronger(3.0, ["calf"]).values == {"hip/frictionloss": 1, "calf/frictionloss": 6}
+
+
+def test_adds_up_what_is_hidden_under_one_name():
+    some = [
+        effect(),
+        effect(joints=("*",), values={"frictionloss": 1.0}),
+        effect("armature", values={"armature": 5.0}),
+    ]
+    np.testing.assert_allclose(total(some, "coulomb_friction", "frictionloss", NAMES), [1, 1, 1.6])
+    np.testing.assert_array_equal(total(some, "viscous_friction", "damping", NAMES), np.zeros(3))

@@ -13,7 +13,7 @@ import pytest
 from walkerkit.gap import cli, workflow
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.rehearsal import demo
-from walkerkit.gap.rehearsal.hidden import HIDEABLE
+from walkerkit.gap.rehearsal.hideable import HIDEABLE
 from walkerkit.gap.rehearsal.rehearse import EXPERIMENTS, LONGEST, RATE, Rehearsal, rehearse
 from walkerkit.walkers.leg import LEG_XML
 
@@ -109,8 +109,8 @@ def test_several_effects_can_be_hidden_at_once(arm: Path) -> None:
 
 
 def test_what_cannot_be_rehearsed_is_refused(arm: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="'backlash' cannot be hidden; choose from none, viscous"):
-        rehearse(arm, ["backlash"])
+    with pytest.raises(InputError, match="'timestep' cannot be hidden; choose from none, viscous"):
+        rehearse(arm, ["timestep"])
     for seconds in (0.0, 0.99, -1.0, float("nan"), float("inf"), 1.01 * LONGEST):
         with pytest.raises(InputError, match=f"seconds is {seconds:g}"):
             rehearse(arm, seconds=seconds)

@@ -53,7 +53,7 @@ def test_doubts_bounds_and_bodies(confused: Diagnosis) -> None:
     )
     flat = " ".join(text.split())
     assert "cannot be told from sensor_delay or setpoint_filter" in flat
-    assert "The excitation disturbed_hold would best tell" in flat
+    assert "is predicted to tell command_delay, sensor_delay and setpoint_filter apart" in flat
     assert "2. The recordings share one pose." in text
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
-from walkerkit.gap.report.locate import EVERYWHERE, locate
+from walkerkit.gap.report.locate import gap_map, locate, standing_out
+from walkerkit.gap.report.regimes import EVERYWHERE, regimes
 from walkerkit.gap.simulation.excursion import excursions
 from walkerkit.gap.simulation.replay import Channel, Replay
 from walkerkit.gap.simulation.robot import robot_from_spec
@@ -79,6 +80,7 @@ REGIMES = {
     "pose_low": motion("knee") < motion("knee").min() + np.ptp(motion("knee")) / 3,
     "pose_high": motion("knee") > motion("knee").max() - np.ptp(motion("knee")) / 3,
     "late": TIME > 8,
+    "resting": np.abs(motion("knee", 1)) < 0.05 * np.abs(motion("knee", 1)).max(),
 }
 
 
@@ -120,6 +122,65 @@ def test_an_even_gap_is_nowhere_in_particular():
     recording, robot = log(), leg()
     replay = Replay(robot, whole(recording), CHANNELS)
     assert locate([replay], [np.zeros_like(replay.measured)], JOINTS) == ()
+
+
+def test_the_map_has_every_regime_of_every_joint_that_occurs():
+    recording = log()
+    robot = leg()
+    robot = replace(robot, excursions=excursions(robot, [recording], JOINTS))
+    replay = Replay(robot, whole(recording), CHANNELS)
+    residual = np.zeros_like(replay.measured)
+    residual[:, 0], residual[:, 1] = 0.03, 0.01
+    masks = [regimes(replay, JOINTS)]
+    cells = gap_map(masks, [replay], [residual], JOINTS)
+    named = {(at.joint, at.regime): at for at in cells}
+    assert named.keys() == {(j, r) for j in JOINTS for r in (*REGIMES, EVERYWHERE)}
+    for (joint, _), at in named.items():
+        assert at.rms == pytest.approx({"hip": 0.03, "knee": 0.01}[joint])
+        assert at.lift == pytest.approx({"hip": 1.8, "knee": 0.2}[joint])
+    assert all(at.joint == "hip" for at in standing_out(cells) if at.regime != EVERYWHERE)
+    # Nobody logged the effort.
+    assert gap_map(masks, [replay], [residual], JOINTS, "effort") == ()
+
+
+def test_an_effort_gap_has_its_own_map():
+    effort = np.sin(0.9 * TIME) ** 3
+    recording = log(**{"knee/effort": effort})
+    robot = leg()
+    robot = replace(robot, excursions=excursions(robot, [recording], JOINTS))
+    channels = (*CHANNELS, Channel(joint="knee", signal="effort"))
+    replay = Replay(robot, whole(recording), channels)
+    residual = np.zeros_like(replay.measured)
+    residual[np.abs(effort) > 0.6, 2] = 0.5
+    cells = gap_map([regimes(replay, JOINTS)], [replay], [residual], JOINTS, "effort")
+    assert {at.joint for at in cells} == {"knee"}
+    first = standing_out(cells)[0]
+    assert (first.regime, first.rms) == ("high_effort", pytest.approx(0.5))
+
+
+PENDULUM = """
+<mujoco><compiler angle="radian"/>
+<worldbody>{floor}<body pos="0 0 1"><joint name="hip" axis="0 1 0" armature="0.3"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -0.9" size="0.04" mass="1"/></body></worldbody>
+<actuator><position joint="hip" kp="50"/></actuator></mujoco>
+"""
+FLOOR = '<geom type="plane" size="5 5 0.1" pos="0 0 0.1"/>'
+
+
+@pytest.mark.parametrize("floor", ["", FLOOR], ids=["in the air", "over a floor"])
+def test_load_and_contact_are_those_of_the_measured_pose(floor):
+    spec = mujoco.MjSpec.from_string(PENDULUM.format(floor=floor))
+    recording = log(joints=("hip",))
+    robot = robot_from_spec(spec, "pendulum.xml")
+    robot = replace(robot, excursions=excursions(robot, [recording], ["hip"]))
+    found = regimes(Replay(robot, whole(recording), CHANNELS[:1]), ["hip"])["hip"]
+    load = np.abs(np.sin(motion("hip")))  # m g l sin q
+    high = load > 0.6 * load.max()
+    assert np.mean(found["high_load"] != high) < 0.01
+    # The foot's sphere of 4 cm hangs 0.9 m below the hip, and 2 mm above the floor it touches.
+    near = 0.9 * np.cos(motion("hip")) + 0.04 > 0.9 - 0.002
+    assert 0.1 < near.mean() < 0.9
+    assert np.mean(found["contact"] != (near & bool(floor))) < 0.01
 
 
 def test_resting_between_two_directions_belongs_to_the_reversal():

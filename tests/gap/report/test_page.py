@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 import shutil
 import subprocess
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.report.diagnosis import Diagnosis, Verdict
+from walkerkit.gap.report.diagnosis import Diagnosis, GapSize, Hint, Verdict
 from walkerkit.gap.report.page import write_report
 
 LegDiagnosis = Callable[..., Diagnosis]
@@ -70,10 +73,16 @@ def test_sections_from_the_verdict_to_the_use(leg: LegDiagnosis, tmp_path: Path)
     page = read(leg(), tmp_path)
     order = (
         *("Explained", "The gap is explained by coulomb_friction at calf (98 % sure)"),
-        *("from 6.6 to 1.1 mrad", "How the gap shrank", "Where the gap is", "What remains"),
-        *("Simulated against measured", "What was added to the model", "0.152 ± 0.004 N·m"),
-        *("What was considered", "What cannot be told apart", "Notes", "How to use the model"),
-        *("walkerkit compare model.xml RECORDING...", "actuators.json", "chirp, steps, walk"),
+        *("from 6.6 to 1.1 mrad", "Where the gap is", "What remains", "Where it stands out"),
+        *("How the gap shrank", "Simulated against measured", "What was added to the model"),
+        *("0.152 ± 0.004 N·m", "0.144 to 0.160 N·m", "0 to 3.2 N·m"),
+        *(
+            "What was considered",
+            "What cannot be told apart",
+            "Notes: what",
+            "How to use the model",
+        ),
+        *("walkerkit compare model.xml RECORDING...", "MjcfWalker", "chirp, steps"),
     )
     places = [page.text.find(part, page.text.index("leg.xml") + 7) for part in order]
     assert places == sorted(places), dict(zip(order, places, strict=True))
@@ -85,17 +94,36 @@ def test_sections_from_the_verdict_to_the_use(leg: LegDiagnosis, tmp_path: Path)
     assert "@media print" in page.styles[0]
 
 
-def test_held_out_traces_come_first_and_the_worst_joint_is_shown(
+def test_every_link_leads_to_a_section(confused: Diagnosis, tmp_path: Path) -> None:
+    page = read(confused, tmp_path)
+    places = {attributes["id"] for _, attributes in page.tags if "id" in attributes}
+    links = [str(attributes["href"]) for attributes in page.attributes("a")]
+    assert len(links) >= 9
+    assert {link.removeprefix("#") for link in links} <= places
+
+
+def test_the_map_is_a_table_that_needs_no_pointer(leg: LegDiagnosis, tmp_path: Path) -> None:
+    page = read(leg(), tmp_path)
+    heats = [t for t in page.attributes("table") if "heat" in str(t.get("class"))]
+    assert len(heats) == 4  # position and effort, before and after
+    cells = [c for c in page.attributes("td") if str(c.get("title")).startswith("calf (velocity")]
+    assert cells[0]["title"] == (
+        "calf (velocity reversal): 19 mrad, 50 % of the squared gap, lift 8.3"
+    )
+    assert cells[0]["class"] == "l5"
+    assert cells[1]["class"] in ("l0", "l1")  # what remains, in the same shades
+
+
+def test_held_out_recordings_come_first_and_the_worst_joint_is_shown(
     leg: LegDiagnosis, tmp_path: Path
 ) -> None:
     page = read(leg(), tmp_path)
     assert [group["label"] for group in page.attributes("optgroup")] == ["held out", "fitted"]
-    options = page.attributes("option")
-    assert len(options) == 9
-    assert [index for index, option in enumerate(options) if "selected" in option] == [2]
+    chosen = ["selected" in option for option in page.attributes("option")]
+    assert chosen == [True, False, False, False, False, True, True]  # walk…; …, calf; position
     traces = json.loads(page.scripts[1])
     assert len(traces) == 9
-    assert traces[2]["layout"]["yaxis2.title.text"] == "error [mrad]"
+    assert (traces[2]["joint"], traces[2]["errorUnit"]) == ("calf", "mrad")
 
 
 def test_candidates_are_ranked_and_say_by_how_much_they_lost(
@@ -103,26 +131,81 @@ def test_candidates_are_ranked_and_say_by_how_much_they_lost(
 ) -> None:
     text = read(leg(), tmp_path).text
     assert "coulomb_friction83 %named backlash79 %4lost" in text
-    assert "4 more" in text
-    assert "loop_delaydivergedlost" in text
+    assert "Also tried: series_elasticity (7 %), " in text
+    assert "loop_delay (diverged)." in text
     text = read(confused, tmp_path).text
     assert "Round 2" in text
     assert "sensor_delay24 %0cannot be told apart" in text
+    lost = tuple(replace(one, verdict="lost") for one in leg().considered)
+    text = read(replace(leg(), considered=lost), tmp_path).text
+    assert "Round 1: nothing more is worth it" in text
 
 
 def test_bounds_doubts_and_the_next_experiment(confused: Diagnosis, tmp_path: Path) -> None:
     text = read(confused, tmp_path).text
-    assert "massshin0.500 kg⚠ at its bound" in text
+    assert "mass shin0.500 kg⚠ at its bound" in text
     assert "0.500 ±" not in text
     assert "cannot be told from sensor_delay or setpoint_filter" in text
-    assert "The excitation disturbed_hold would best tell" in text
+    assert "Send next_experiment.csv to the robot" in text
     assert "body mass + Δm" in text  # payload's equation
+    assert "RECORDED.csv" not in text  # no model of its own
+
+
+def test_an_experiment_with_a_model_of_its_own_comes_with_its_manifest(
+    confused: Diagnosis, tmp_path: Path
+) -> None:
+    wanted = confused.next_experiment
+    assert wanted is not None
+    payload = replace(
+        wanted,
+        set_up="known_payload",
+        instruction="Put 0.5 kg on body shin.",
+        model="next_experiment.xml",
+    )
+    write_report(replace(confused, next_experiment=payload), tmp_path / "r.html", title="leg")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    found = re.search(r"<code>(# experiments.toml.*?)</code>", page, re.DOTALL)
+    assert found is not None
+    manifest = tomllib.loads(html.unescape(found[1]))
+    assert [one["model"] for one in manifest["experiment"]] == ["leg.xml", "next_experiment.xml"]
+    assert manifest["experiment"][0]["recordings"] == ["chirp.csv", "steps.csv", "walk.csv"]
+
+
+def test_models_are_used_where_they_are(leg: LegDiagnosis, tmp_path: Path) -> None:
+    def use(*models: str) -> str:
+        write_report(leg(), tmp_path / "r.html", title="leg", models=models)
+        page = Page((tmp_path / "r.html").read_text(encoding="utf-8"))
+        return page.text.partition("How to use the model")[2]
+
+    assert "model_a.xml , model_b.xml" in use("model_a.xml", "model_b.xml").replace(",", " ,")
+    assert "walkerkit compare experiments.toml" in use("model_a.xml", "model_b.xml")
+    alone = use()
+    assert 'result.save("diagnosis")' in alone
+    assert ".xml" not in alone
+
+
+def test_stopgaps_are_told_from_explanations(leg: LegDiagnosis, tmp_path: Path) -> None:
+    assert "Stopgaps" not in read(leg(), tmp_path).text
+    hint = Hint(
+        kind="learned",
+        joint="<calf>",
+        title="a formula at <calf>",
+        statement="τ = −0.3 q̇ |q̇|",
+        signal="position",
+        size=GapSize(unit="rad", before=0.0066, after=0.002, noise_floor=0.001),
+        use="print(1)",
+    )
+    text = read(replace(leg(), hints=(hint,)), tmp_path).text
+    assert (
+        "a formula at <calf> τ = −0.3 q̇ |q̇| With it, the position error of <calf> would be" in text
+    )
+    assert "explains nothing" in text
 
 
 @pytest.mark.parametrize("verdict", ["no_gap", "unexplained"])
 def test_reads_well_with_nothing_found(leg: LegDiagnosis, tmp_path: Path, verdict: Verdict) -> None:
     empty = replace(leg(), verdict=verdict, effects=(), locations=(), remaining=(), traces=())
-    page = read(replace(empty, considered=(), notes=(), recordings=()), tmp_path)
+    page = read(replace(empty, considered=(), notes=(), recordings=(), maps=()), tmp_path)
     assert "The gap and its floors" in page.text
     assert "No signals were kept for this report." in page.text
     assert "model.xml" not in page.text
@@ -141,8 +224,7 @@ def test_names_come_out_as_text(leg: LegDiagnosis, tmp_path: Path) -> None:
     assert not page.attributes("img")
     assert all(f"position, {name}" in page.text for name in HOSTILE)
     assert f"about {HOSTILE[2]}" in page.text
-    figures = json.loads(page.scripts[0])
-    assert "&lt;/script&gt;" in figures["located"]["data"][0]["hovertext"][2][0]
+    assert json.loads(page.scripts[1])[2]["joint"] == HOSTILE[2]
     for data in page.scripts[:2]:
         assert "<" not in data
 
@@ -151,9 +233,9 @@ def test_nothing_is_fetched(leg: LegDiagnosis, tmp_path: Path) -> None:
     page = read(leg(), tmp_path)
     loading = {"link", "img", "iframe", "object", "embed", "video", "audio", "source", "base"}
     assert not loading & {tag for tag, _ in page.tags}
-    assert not [
-        name for _, attributes in page.tags for name in ("src", "href") if name in attributes
-    ]
+    assert not [attributes for _, attributes in page.tags if "src" in attributes]
+    links = [attributes["href"] for _, attributes in page.tags if "href" in attributes]
+    assert all(str(link).startswith("#") for link in links)
     assert not re.search(r"@import|url\(", page.styles[0])
     assert not re.search(r"fetch|XMLHttpRequest|import\(|https?:", page.scripts[3])
     (policy,) = (m["content"] for m in page.attributes("meta") if "http-equiv" in m)
@@ -180,16 +262,18 @@ def test_the_lines_that_load_the_model_run(
 ) -> None:
     write_report(leg(), tmp_path / "report.html", title="leg.xml")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    found = re.search(r'<code id="load">(.*?)</code>', page, re.DOTALL)
-    assert found is not None
     (tmp_path / "model.xml").write_text(
-        "<mujoco><worldbody><body><joint name='calf'/><geom size='.1'/></body></worldbody></mujoco>"
+        "<mujoco><worldbody><body><joint name='calf'/><geom size='.1'/></body></worldbody>"
+        "<actuator><position joint='calf' kp='3'/></actuator></mujoco>"
     )
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    exec(found[1], names)
-    assert names["model"].joint("calf").id == 0  # type: ignore[attr-defined]
-    assert names["robot"].find("joint", "calf").name == "calf"  # type: ignore[attr-defined]
+    names: dict[str, Any] = {}
+    for block in ("load", "walker"):
+        found = re.search(rf'<code id="{block}">(.*?)</code>', page, re.DOTALL)
+        assert found is not None
+        exec(html.unescape(found[1]), names)
+    assert names["model"].joint("calf").id == 0
+    assert [joint.name for joint in names["walker"].observable_joints] == ["calf"]
 
 
 def browse(path: Path, *options: str) -> tuple[str, list[str]]:
@@ -217,11 +301,12 @@ def test_a_browser_draws_the_plots_and_runs_no_name(leg: LegDiagnosis, tmp_path:
     dom, console = browse(path)
     assert console == []
     assert "<title>Explained: &lt;/script&gt;" in dom
-    assert dom.count('<svg class="main-svg"') == 3 * 4  # plotly draws each plot in three layers
-    assert dom.count('class="trace scatter') == 2 + 5  # two floors; three signals, two errors
+    assert dom.count('<svg class="main-svg"') == 3 * 2  # plotly draws each plot in three layers
+    assert dom.count('class="trace scatter') == 2 + 6  # two floors; four signals, two errors
+    assert dom.count('class="trace bars') == 2  # what is left, what was taken away
     assert len(re.findall(r'data-title="Zoom(?: in| out)?"', dom)) == 3
     assert 'data-title="Share' not in dom  # plotly's button that uploads the data
-    assert "walk: &lt;/script&gt;" in dom.partition('id="shown"')[2][:200]
+    assert "walk (held out): &lt;/script&gt;" in dom.partition('id="shown"')[2][:200]
 
 
 @needs_browser
@@ -230,16 +315,16 @@ def test_a_phone_scrolls_the_page_only_downwards_and_can_choose(
 ) -> None:
     joints = [f"{name}_{'of_the_left_rear_leg_' * 4}" for name in ("hip", "thigh", "calf")]
     diagnosis = leg(joints=joints, samples=50)
-    diagnosis = replace(diagnosis, traces=diagnosis.traces[:2])
+    diagnosis = replace(diagnosis, traces=(*diagnosis.traces[:2], diagnosis.traces[5]))
     write_report(diagnosis, tmp_path / "report.html", title=f"{'a_long_folder/' * 9}leg.xml")
     path = tmp_path / "phone.html"
     path.write_text(
-        """<iframe id="phone" src="report.html" style="width: 390px; height: 800px"></iframe>
+        """<iframe id="phone" src="report.html" style="width: 360px; height: 800px"></iframe>
         <pre id="seen"></pre>
         <script>setTimeout(() => {
           const page = document.getElementById("phone").contentDocument;
-          const select = page.getElementById("trace"), shown = [];
-          for (const index of [0, 1]) {
+          const select = page.getElementById("joint"), shown = [];
+          for (const index of [0, 1, 2]) {
             select.selectedIndex = index;
             select.dispatchEvent(new Event("change"));
             shown.push(page.getElementById("shown").textContent);
@@ -254,8 +339,11 @@ def test_a_phone_scrolls_the_page_only_downwards_and_can_choose(
     found = re.search(r'<pre id="seen">(.*?)</pre>', dom)
     assert found is not None
     seen = json.loads(found[1])
-    assert seen["scrollWidth"] == seen["clientWidth"] <= 390
-    assert seen["shown"] == [f"chirp: {joint}, position (fitted)" for joint in joints[:2]]
+    assert seen["scrollWidth"] == seen["clientWidth"] <= 360
+    assert seen["shown"] == [
+        *(f"steps: {joint}, position was not recorded" for joint in joints[:2]),
+        f"steps (fitted): {joints[2]}, position",
+    ]
 
 
 @needs_browser

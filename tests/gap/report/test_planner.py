@@ -14,15 +14,18 @@ from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
+from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.report import planner
 from walkerkit.gap.report.planner import next_experiment
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Structure, Term
+from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY
 
 Array = NDArray[np.float64]
+EFFORT = Channel(joint="knee", signal="effort")
 
 SERVO = """
 <mujoco model="servo">
@@ -46,7 +49,8 @@ def servo(tmp_path_factory: pytest.TempPathFactory) -> Problem:
     (folder / "servo.xml").write_text(SERVO)
     time = np.arange(0.0, 2.0, 0.004)
     targets = [0.5 * np.sin(5 * time)[:, None], 0.3 * np.sin(7 * time)[:, None]]
-    recordings = run_hardware(folder / "servo.xml", targets, rate=250.0, seed=1)
+    damped = HiddenEffect(effect="viscous_friction", joints=("knee",), values={"damping": 0.2})
+    recordings = run_hardware(folder / "servo.xml", targets, rate=250.0, seed=1, hidden=[damped])
     return problem(folder / "servo.xml", recordings)
 
 
@@ -64,11 +68,14 @@ def test_it_names_the_excitation_the_effects_and_the_file(servo: Problem) -> Non
     members = [member(servo, "viscous_friction", 0.2), member(servo, "coulomb_friction", 0.2)]
     planned = next_experiment(servo, members)
     assert planned is not None
-    experiment, log = planned
+    experiment, log = planned.experiment, planned.targets
     assert experiment.excitation in BATTERY
     assert experiment.between == ("viscous_friction", "coulomb_friction")
     assert experiment.separation > 10
     assert experiment.file == "next_experiment.csv"
+    # What the robot as it is tells well enough needs no more trouble.
+    assert (experiment.set_up, experiment.instruction, experiment.model) == ("as_it_is", "", None)
+    assert planned.robot is None
     assert log.joints == ("knee",)
     assert log.duration == pytest.approx(10.0, abs=0.01)
     assert log.rate == pytest.approx(200.0)
@@ -78,11 +85,11 @@ def test_it_stays_within_what_the_recordings_have_reached(servo: Problem) -> Non
     members = [member(servo, "viscous_friction", 0.2), member(servo, "armature", 0.01)]
     planned = next_experiment(servo, members)
     assert planned is not None
-    target = planned[1].columns["knee/position_target"]
+    target = planned.targets.columns["knee/position_target"]
     reached = servo.robots[0].excursion("knee")
     assert reached.lower - 1e-9 <= target.min() < target.max() <= reached.upper + 1e-9
-    speed = np.abs(np.diff(target)) * planned[1].rate
-    if planned[0].excitation != "steps":
+    speed = np.abs(np.diff(target)) * planned.targets.rate
+    if planned.experiment.excitation != "steps":
         assert speed.max() <= 1.01 * reached.velocity
 
 
@@ -91,38 +98,64 @@ def test_the_same_set_gives_the_same_experiment(servo: Problem) -> None:
     one, other = next_experiment(servo, members), next_experiment(servo, members)
     assert one is not None
     assert other is not None
-    assert one[0] == other[0]
-    for name, column in one[1].columns.items():
-        np.testing.assert_array_equal(column, other[1].columns[name])
+    assert one.experiment == other.experiment
+    for name, column in one.targets.columns.items():
+        np.testing.assert_array_equal(column, other.targets.columns[name])
+
+
+def waving(frequency: float, reach: float = 1.0) -> Callable[..., Array]:
+    def excite(time: Array, *, lower: Array, upper: Array, **limits: Any) -> Array:
+        wave: Array = 0.5 * (1 + reach * np.sin(2 * np.pi * frequency * time))[:, None]
+        return lower + (upper - lower) * wave
+
+    return excite
 
 
 def test_the_excitation_that_parts_them_best_is_chosen(
     servo: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def waving(frequency: float) -> Callable[..., Array]:
-        def excite(time: Array, *, lower: Array, upper: Array, **limits: Any) -> Array:
-            wave: Array = 0.5 * (1 + np.sin(2 * np.pi * frequency * time))[:, None]
-            return lower + (upper - lower) * wave
-
-        return excite
-
-    battery = {"rest": waving(0.0), "slow": waving(0.2), "fast": waving(1.5)}
-    # Damping shows at speed, a spring in any pose.
+    battery = {"rest": waving(0.0), "slow": waving(0.2), "fast": waving(0.8)}
+    # Damping shows at speed.
     for names in (("rest", "slow", "fast"), ("fast", "slow", "rest"), ("rest", "slow")):
         monkeypatch.setattr(planner, "BATTERY", {name: battery[name] for name in names})
-        members = [member(servo, "viscous_friction", 0.2), member(servo, "viscous_friction", 0.1)]
+        members = [member(servo, "viscous_friction", 0.2), member(servo, "viscous_friction", 0.05)]
         planned = next_experiment(servo, members)
         assert planned is not None
-        assert planned[0].excitation == ("fast" if "fast" in names else "slow")
+        assert planned.experiment.excitation == ("fast" if "fast" in names else "slow")
+
+
+def test_what_asks_for_too_much_effort_is_made_smaller_or_left_out(
+    servo: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    members = [member(servo, "viscous_friction", 0.2), member(servo, "viscous_friction", 0.0)]
+    peak = servo.robots[0].excursion("knee").effort
+    monkeypatch.setattr(planner, "BATTERY", {"wild": waving(1.2)})
+    planned = next_experiment(servo, members)
+    assert planned is not None
+    assert planned.experiment.excitation == "wild"
+    target = planned.targets.columns["knee/position_target"]
+    reached = servo.robots[0].excursion("knee")
+    assert np.ptp(target) < 0.7 * reached.range
+    bench = planner._Bench(servo, members)
+    (as_it_is, *_) = planner.set_ups(
+        bench.robot, ["knee"], concerned=["knee"], efforts=True, excitations=["wild"]
+    )
+    efforts = bench.predict(planned.targets, as_it_is)[..., bench.channels.index(EFFORT)]
+    assert np.abs(efforts).max() < 1.25 * peak
+    # At any size too much for the drive: something else is done with the robot.
+    monkeypatch.setattr(planner, "BATTERY", {"wild": waving(8.0)})
+    planned = next_experiment(servo, members)
+    assert planned is not None
+    assert planned.experiment.excitation != "wild"
 
 
 def test_the_nearest_two_decide(servo: Problem) -> None:
-    far = [member(servo, "viscous_friction", 0.2), member(servo, "viscous_friction", 0.8)]
-    near = [*far, member(servo, "viscous_friction", 0.21)]
+    far = [member(servo, "viscous_friction", 0.2), member(servo, "coulomb_friction", 0.2)]
+    near = [*far, member(servo, "viscous_friction", 0.15)]
     two, three = next_experiment(servo, far), next_experiment(servo, near)
     assert two is not None
     assert three is not None
-    assert three[0].separation < 0.2 * two[0].separation
+    assert three.experiment.separation < 0.5 * two.experiment.separation
 
 
 def test_there_is_none_where_nothing_parts_them(servo: Problem) -> None:
@@ -135,7 +168,7 @@ def test_there_is_none_where_nothing_parts_them(servo: Problem) -> None:
 def test_a_member_that_diverges_parts_nothing(servo: Problem) -> None:
     members = [member(servo, "viscous_friction", 0.2), member(servo, "armature", -0.03)]
     planned = next_experiment(servo, members)
-    assert planned is None or np.isfinite(planned[0].separation)
+    assert planned is None or np.isfinite(planned.experiment.separation)
 
 
 def test_there_is_none_for_joints_without_position_targets(tmp_path: Path) -> None:

@@ -82,11 +82,56 @@ def test_the_basis_says_where_it_was_measured(leg: LegDiagnosis, confused: Diagn
 def test_a_weak_next_experiment_is_not_sold_as_a_strong_one(confused: Diagnosis) -> None:
     wanted = confused.next_experiment
     assert wanted is not None
-    assert "next_experiment.csv" in wording.advice(confused)
+    assert "Send next_experiment.csv to the robot (the excitation disturbed_hold), record" in (
+        wording.advice(confused)
+    )
     assert "may not be enough" not in wording.advice(confused)
     weak = replace(confused, next_experiment=replace(wanted, separation=1.2, file=None))
-    assert "1.2 standard deviations of the noise, which may not be enough" in wording.advice(weak)
-    assert wording.advice(replace(confused, next_experiment=None)) == ""
+    assert "apart by 1.2 standard deviations, which may not be enough" in wording.advice(weak)
+    strong = replace(confused, next_experiment=replace(wanted, separation=960.0))
+    assert "by more than 100 standard deviations." in wording.advice(strong)
+
+
+def test_no_next_experiment_is_told_where_one_is_wanted(
+    leg: LegDiagnosis, confused: Diagnosis
+) -> None:
+    assert wording.advice(leg()) == ""
+    none = wording.advice(replace(confused, next_experiment=None))
+    assert none.startswith("None of the experiments of the battery")
+
+
+def test_a_changed_set_up_is_an_instruction_with_a_model_of_its_own(confused: Diagnosis) -> None:
+    wanted = confused.next_experiment
+    assert wanted is not None
+    payload = replace(
+        wanted,
+        excitation="steps",
+        set_up="known_payload",
+        instruction="Put 0.5 kg on body shin.",
+        model="next_experiment.xml",
+    )
+    advice = wording.advice(replace(confused, next_experiment=payload))
+    assert advice.startswith("Put 0.5 kg on body shin. Send next_experiment.csv to the robot")
+    assert "next_experiment.xml, your model with this change" in advice
+    release = replace(payload, excitation="release", set_up="motor_off", instruction="Let go.")
+    advice = wording.advice(replace(confused, next_experiment=release))
+    assert advice.startswith("Let go. The first row of next_experiment.csv is the pose to let go")
+
+
+def test_an_exact_equivalence_gives_its_reason(confused: Diagnosis) -> None:
+    reason = "Without effort, both shift the curves."
+    delay = replace(confused.effects[1], equivalent=(("sensor_delay", reason),))
+    (doubt,) = wording.doubts(replace(confused, effects=(delay,)))
+    assert doubt.startswith(
+        "command_delay of the whole robot and sensor_delay leave the same log, whatever is "
+        f"commanded. {reason} With these recordings, command_delay of the whole robot cannot be "
+        "told from setpoint_filter: "
+    )
+
+
+def test_nothing_is_quite_sure() -> None:
+    assert wording.sure(1.0) == ">99 %"
+    assert wording.sure(0.93) == "93 %"
 
 
 def test_names_that_would_not_print_are_replaced() -> None:

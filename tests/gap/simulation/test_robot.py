@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.simulation.base import Base
 from walkerkit.gap.simulation.robot import Excursion, Measurement, load_robot, robot_from_spec
 from walkerkit.walkers import LEG_XML
 
@@ -27,6 +28,10 @@ MODEL = """
   <position joint="arm" kp="5" delay="0.01" nsample="6"/>
 </actuator></mujoco>
 """
+WALKER = (
+    "<body name='{0}'><freejoint/><geom size='1'/>"
+    "<body><joint name='{0}_leg'/><geom size='1'/></body></body>"
+)
 
 
 @pytest.fixture
@@ -192,9 +197,9 @@ class TestRefusals:
                 "no named hinge",
             ),
             (
-                "<mujoco><worldbody><body name='trunk'><freejoint/><geom size='1'/>"
-                "<body><joint name='j'/><geom size='1'/></body></body></worldbody></mujoco>",
-                r"body 'trunk' has a free joint; .*\. Hang the robot up .* remove the free joint",
+                f"<mujoco><worldbody>{WALKER.format('one')}{WALKER.format('two')}"
+                "</worldbody></mujoco>",
+                r"2 robots float, 'one', 'two', .*\. Give a model of one robot",
             ),
         ],
     )
@@ -225,9 +230,57 @@ class TestRefusals:
         module("syntax", "def make(:\n")
         self.refuse(source, match)
 
+
+class TestFloating:
+    def test_a_robot_with_nothing_to_stand_on_gets_a_floor(self):
+        spec = mujoco.MjSpec.from_string(
+            f"<mujoco><worldbody>{WALKER.format('trunk')}</worldbody></mujoco>"
+        )
+        robot = robot_from_spec(spec, "walker.xml")
+        assert robot.base == Base(body="trunk", id=1, qpos=0, dof=0)
+        assert list(robot.joints) == ["trunk_leg"]
+        assert robot.model.geom("ground").type == mujoco.mjtGeom.mjGEOM_PLANE
+        (note,) = robot.notes
+        assert "level floor at height 0" in note
+        assert "'ground'" in note
+        assert "ground" not in [geom.name for geom in spec.geoms]  # the user's own is left alone
+
+    def test_ground_that_is_there_stays_alone(self):
+        text = f"<mujoco><worldbody>{{}}{WALKER.format('trunk')}</worldbody></mujoco>"
+        for floor in ("<geom type='plane' size='0 0 1'/>", "<body><geom size='1'/></body>"):
+            robot = robot_from_spec(mujoco.MjSpec.from_string(text.format(floor)), "walker.xml")
+            assert robot.notes == ()
+            assert robot.model.ngeom == 3
+        untouchable = "<geom type='plane' size='0 0 1' contype='0' conaffinity='0'/>"
+        robot = robot_from_spec(mujoco.MjSpec.from_string(text.format(untouchable)), "walker.xml")
+        assert len(robot.notes) == 1
+
+    def test_a_thing_that_lies_about_is_no_base(self):
+        text = (
+            "<mujoco><worldbody><body name='ball'><freejoint/><geom size='.1'/></body>"
+            "<body><joint name='j'/><geom size='1'/></body></worldbody></mujoco>"
+        )
+        assert robot_from_spec(mujoco.MjSpec.from_string(text), "bench.xml").base is None
+
+    def test_a_walker_floats_as_in_an_arena_where_it_is_asked_to(self, module):
+        module(
+            "made",
+            "from walkerkit.walkers import Quadruped\n"
+            "def make():\n    return Quadruped(position_controlled=True)\n",
+        )
+        hung, standing = (load_robot("made:make", floating=floats) for floats in (False, True))
+        assert hung.base is None
+        assert standing.base is not None
+        assert standing.base.body == "quadruped"
+        assert standing.model.ngeom == hung.model.ngeom + 1
+        assert list(standing.joints) == list(hung.joints)
+        assert set(hung.bodies) < set(standing.bodies)
+
     @pytest.mark.skipif(not (DATA / "robots").is_dir(), reason="robots not available")
     @pytest.mark.parametrize(
         ("file", "base"), [("unitree_go1/go1.xml", "trunk"), ("unitree_h1/h1.xml", "pelvis")]
     )
-    def test_robots_with_a_floating_base(self, file, base):
-        self.refuse(DATA / "robots" / file, f"body '{base}' has a free joint")
+    def test_published_robots(self, file, base):
+        robot = load_robot(DATA / "robots" / file)
+        assert robot.base is not None
+        assert robot.base.body == base

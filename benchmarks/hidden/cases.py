@@ -1,0 +1,199 @@
+"""The cases of each tier: what is hidden where, frozen by number.
+
+    case = cases("one_effect")[17]
+    case.name                       # "one_effect-017"
+
+A case does not depend on how many are run, on the catalogue or on the machine.
+"""
+
+from __future__ import annotations
+
+import itertools
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from walkerkit.gap.rehearsal.hideable import HIDEABLE, NAMELESS
+
+Channels = Literal["q", "q+qd", "q+qd+tau"]
+Off = Literal["", "substeps", "timestep", "integrator", "nuisance"]
+
+SIGNALS: Final[Mapping[Channels, tuple[str, ...]]] = {
+    "q": ("position_target", "position"),
+    "q+qd": ("position_target", "position", "velocity"),
+    "q+qd+tau": ("position_target", "position", "velocity", "effort"),
+}
+"""What a log has under each choice of channels."""
+NUISANCES: Final = ("armature", "viscous_friction", "coulomb_friction")
+"""Names that are no false alarm where these numbers are a little off."""
+
+_EVERY = (*HIDEABLE, "timestep")
+_OFF: tuple[Off, ...] = ("", "substeps", "timestep", "integrator", "nuisance", "nuisance")
+# What one joint of twelve can have.
+_OF_A_JOINT = tuple(n for n, kind in HIDEABLE.items() if kind.on == "joints" and not kind.shared)
+# With all channels, what another name says exactly is not taken out of the catalogue.
+_TOLD_ALIKE = ("encoder_offset", "base_tilt", "com_offset", "torque_bias", "coulomb_friction")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One robot with its logs, to be diagnosed.
+
+    Attributes:
+        tier: the tier's name.
+        number: of the case in its tier.
+        rig: name of the robot in `walkerkit.benchmarks.hidden.rigs.RIGS`.
+        channels: what its logs have.
+        hide: names of the hidden effects.
+        single: a joint effect sits in one joint; drawn by default.
+        body: the body that has a body's effect; drawn by default.
+        removed: the workflow does not know the hidden effects.
+        off: what else is not as in the model.
+    """
+
+    tier: str
+    number: int
+    rig: str
+    channels: Channels
+    hide: tuple[str, ...] = ()
+    single: bool = False
+    body: str | None = None
+    removed: bool = False
+    off: Off = ""
+
+    @property
+    def name(self) -> str:
+        """What it is called in results."""
+        return f"{self.tier}-{self.number:03d}"
+
+    @property
+    def seed(self) -> int:
+        """Of everything that is drawn for it."""
+        return zlib.crc32(self.name.encode())
+
+
+def _one_effect(channels: Channels) -> Callable[[str], list[Case]]:
+    def cases_of(tier: str) -> list[Case]:
+        """Every effect on one rig of the two, then every effect on the other."""
+        rng = _random(tier)
+        rigs = {effect: int(rng.integers(2)) for effect in _EVERY}
+        chosen = [
+            (str(effect), ("pendulum", "leg")[(rigs[str(effect)] + turn) % 2])
+            for turn in range(2)
+            for effect in rng.permutation(_EVERY)
+        ]
+        return [
+            Case(tier=tier, number=i, rig=rig, channels=channels, hide=(effect,))
+            for i, (effect, rig) in enumerate(chosen)
+        ]
+
+    return cases_of
+
+
+def _two_effects(tier: str) -> list[Case]:
+    """Pairs of effects, each effect in three or two."""
+    rng = _random(tier)
+    pairs: list[tuple[str, str]] = []
+    for _ in range(3):
+        order = [str(effect) for effect in rng.permutation(list(HIDEABLE))]
+        pairs += zip(order[::2], order[1::2], strict=False)
+    return [
+        Case(tier=tier, number=i, rig=("leg", "pendulum")[i % 2], channels="q+qd+tau", hide=pair)
+        for i, pair in enumerate(pairs)
+    ]
+
+
+def _nothing(tier: str) -> list[Case]:
+    """Nothing hidden, and numbers off that are no effect, under all channels."""
+    rng = _random(tier)
+    kinds = list(itertools.product(("pendulum", "leg"), SIGNALS, _OFF))
+    order = [kinds[int(k)] for _ in range(3) for k in rng.permutation(len(kinds))]
+    return [
+        Case(tier=tier, number=i, rig=rig, channels=channels, off=off)
+        for i, (rig, channels, off) in enumerate(order)
+    ]
+
+
+def _outside(tier: str) -> list[Case]:
+    """What the workflow has no name for: an effect that it is not told of, or a trouble."""
+    rng = _random(tier)
+    taken = [str(e) for e in rng.permutation([e for e in HIDEABLE if e not in _TOLD_ALIKE])]
+    troubles = [(trouble, rig) for trouble in NAMELESS for rig in ("leg", "pendulum")]
+    chosen: list[tuple[str, str]] = []
+    for i, effect in enumerate(taken):
+        chosen.append((effect, ("leg", "pendulum")[int(rng.integers(2))]))
+        if i % 2:
+            chosen.append(troubles[i // 2 % len(troubles)])
+    return [
+        Case(
+            tier=tier,
+            number=i,
+            rig=rig,
+            channels="q+qd+tau",
+            hide=(name,),
+            removed=name in HIDEABLE,
+        )
+        for i, (name, rig) in enumerate(chosen)
+    ]
+
+
+def _one_of_twelve(tier: str) -> list[Case]:
+    """An effect in one joint of a quadruped."""
+    order = _random(tier).permutation(_OF_A_JOINT)
+    return [
+        Case(
+            tier=tier,
+            number=i,
+            rig="hung_quadruped",
+            channels="q+qd+tau",
+            hide=(str(name),),
+            single=True,
+        )
+        for i, name in enumerate(order)
+    ]
+
+
+def _standing(tier: str) -> list[Case]:
+    """An effect of the ground or of the trunk, under a quadruped on its feet."""
+    effects = ("ground_friction", "ground_compliance", "payload", "com_offset")
+    return [
+        Case(
+            tier=tier,
+            number=i,
+            rig="standing_quadruped",
+            channels="q+qd+tau",
+            hide=(effects[i % len(effects)],),
+            body="trunk",
+        )
+        for i in range(24)
+    ]
+
+
+def _random(tier: str) -> np.random.Generator:
+    return np.random.default_rng(zlib.crc32(tier.encode()))
+
+
+TIERS: Final[Mapping[str, Callable[[str], list[Case]]]] = {
+    "one_effect": _one_effect("q+qd+tau"),
+    "one_effect_q_qd": _one_effect("q+qd"),
+    "one_effect_q": _one_effect("q"),
+    "two_effects": _two_effects,
+    "nothing": _nothing,
+    "outside": _outside,
+    "one_of_twelve": _one_of_twelve,
+    "standing": _standing,
+}
+"""The tiers by name, each with what makes its cases."""
+
+
+def cases(tier: str, count: int | None = None) -> list[Case]:
+    """The cases of a tier.
+
+    Args:
+        tier: name of the tier.
+        count: how many of them, the first ones, which are a fair sample; all by default.
+    """
+    return TIERS[tier](tier)[:count]

@@ -1,0 +1,249 @@
+"""One case from its number to its outcome."""
+
+from __future__ import annotations
+
+import functools
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from benchmarks.hidden.cases import SIGNALS, Case
+from benchmarks.hidden.outcome import Hidden, Named, Outcome, Value
+from benchmarks.hidden.rigs import RATE, experiments, write_rig
+from benchmarks.hidden.truths import truth
+from walkerkit import gap
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.effects.equivalences import equivalences
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.rehearsal.hardware import run_hardware
+from walkerkit.gap.rehearsal.hidden import HiddenEffect
+from walkerkit.gap.rehearsal.rehearse import draw_loud
+from walkerkit.gap.report.diagnosis import NamedEffect
+from walkerkit.gap.simulation.robot import Robot, load_robot
+
+JITTER: Final = 5e-5
+"""Of the logs' time stamps, s."""
+
+_TARGETS = 3  # different sets of experiments for each rig
+_COARSE: Final = {"pendulum": 5.0, "leg": 8.0}  # factors on the timestep where that is hidden
+_NUDGED: Final = 2.0  # where it is merely another one
+
+
+def run_case(case: Case, *, effects: Sequence[str] | None = None, shorter: float = 1.0) -> Outcome:
+    """Records a case's robot, diagnoses the logs, and sets the truth beside what was said.
+
+    Args:
+        case: the case.
+        effects: what the workflow knows of; the whole catalogue by default.
+        shorter: by which the time of the experiments is divided.
+
+    Returns:
+        The outcome; one with the verdict `failed` where the workflow raises an error, and
+        `impossible` where what is to be hidden does not show on this rig and these channels.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        return _run(case, Path(folder), effects or list(CATALOGUE), shorter)
+
+
+def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outcome:
+    rng = np.random.default_rng(case.seed)
+    model = _given(case, folder)
+    try:
+        recordings, hidden = _recorded(case, folder, rng, shorter)
+    except gap.InputError as error:
+        return _without_answer(case, "impossible", str(error))
+    seen = [_with(recording, SIGNALS[case.channels]) for recording in recordings]
+    robot = load_robot(model)
+    truths = tuple(_hidden(one, robot, case) for one in hidden)
+    if "timestep" in case.hide:
+        text = f"timestep of {robot.model.opt.timestep:g} s"
+        everywhere = _places((), (), robot)
+        truths = (Hidden(effect="timestep", places=everywhere, alike=(), text=text),)
+    if case.removed:
+        gone = {name for one in truths for name in (one.effect, *one.alike)}
+        known = [name for name in known if name not in gone]
+    start = time.perf_counter()
+    try:
+        found = gap.diagnose(model, seen, effects=known, n_threads=1).diagnosis
+        oracle = None
+        if hidden and not case.removed:
+            oracle = _oracle(model, seen, hidden)
+    except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
+        # One failure must not lose the other cases; it counts as a wrong answer.
+        seconds = time.perf_counter() - start
+        why = f"{type(error).__name__}: {error}"
+        return replace(_without_answer(case, "failed", why), hidden=truths, seconds=seconds)
+    return Outcome(
+        case=case.name,
+        tier=case.tier,
+        off=case.off,
+        verdict=found.verdict,
+        hidden=truths,
+        named=tuple(_named(one, hidden, robot, case, found.effects) for one in found.effects),
+        before=found.gap.position.before,
+        after=found.gap.position.after,
+        oracle=oracle,
+        seconds=found.seconds,
+    )
+
+
+def _without_answer(case: Case, verdict: str, why: str) -> Outcome:
+    return Outcome(
+        case=case.name,
+        tier=case.tier,
+        off=case.off,
+        verdict=verdict,
+        hidden=(),
+        named=(),
+        error=why,
+    )
+
+
+def _given(case: Case, folder: Path) -> Path:
+    """The model that the workflow gets."""
+    coarser = 1.0
+    if "timestep" in case.hide:
+        coarser = _COARSE[case.rig]
+    elif case.off == "timestep":
+        coarser = _NUDGED
+    euler = mujoco.mjtIntegrator.mjINT_EULER if case.off == "integrator" else None
+    return write_rig(case.rig, folder, coarser=coarser, integrator=euler)
+
+
+def _recorded(
+    case: Case, folder: Path, rng: np.random.Generator, shorter: float
+) -> tuple[Sequence[Recording], tuple[HiddenEffect, ...]]:
+    """The logs and what is hidden in them."""
+    nuisance = rng if case.off == "nuisance" else None
+    real = write_rig(case.rig, folder, file="real.xml", nuisance=nuisance)
+    substeps = 8 if case.off == "substeps" else 4
+    seed = case.seed % _TARGETS
+    targets = experiments(case.rig, real, seed=seed, shorter=shorter)
+    sent = list(targets.values())
+    noise = case.seed
+
+    def run(hidden: Sequence[HiddenEffect]) -> list[Recording]:
+        return run_hardware(
+            real,
+            sent,
+            rate=RATE,
+            hidden=hidden,
+            seed=noise,
+            substeps=substeps,
+            names=list(targets),
+            jitter=JITTER,
+        )
+
+    names = [name for name in case.hide if name != "timestep"]
+    if not names:
+        return run(()), ()
+    nominal = _nominal(case.rig, seed, shorter)
+    hidden = []
+    for name in names:
+        places = None if case.body is None else [case.body]
+        if case.single:
+            every = nominal[0].joints
+            places = [every[int(rng.integers(len(every)))]]
+        signals = [s for s in SIGNALS[case.channels] if s in ("position", "effort")]
+        one, _ = draw_loud(
+            real, sent, rng, [name], nominal=nominal, seed=seed, places=places, signals=signals
+        )
+        hidden.append(one)
+    return run(hidden), tuple(hidden)
+
+
+@functools.cache
+def _nominal(rig: str, seed: int, shorter: float) -> tuple[Recording, ...]:
+    """Logs of a rig with nothing hidden."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_rig(rig, Path(folder))
+        targets = experiments(rig, path, seed=seed, shorter=shorter)
+        return tuple(
+            run_hardware(path, list(targets.values()), rate=RATE, seed=seed, names=list(targets))
+        )
+
+
+def _with(recording: Recording, signals: Sequence[str]) -> Recording:
+    """The recording with some signals only."""
+    return Recording(
+        name=recording.name,
+        time=recording.time,
+        columns={
+            column: values
+            for column, values in recording.columns.items()
+            if column.rpartition("/")[2] in signals or column.startswith("base/")
+        },
+    )
+
+
+def _oracle(
+    model: Path, recordings: Sequence[Recording], hidden: Sequence[HiddenEffect]
+) -> float | None:
+    """The held-out gap of a fit that is told the structure; None where it cannot be fitted."""
+    structure = {one.effect: one.places or EVERYWHERE for one in hidden}
+    structure = {
+        name: EVERYWHERE if tuple(places) == (EVERYWHERE,) else places
+        for name, places in structure.items()
+    }
+    problem = gap.load(model, recordings, n_threads=1)
+    return gap.fit(problem, structure).gap.position.after
+
+
+def _hidden(one: HiddenEffect, robot: Robot, case: Case) -> Hidden:
+    joints = one.joints if one.kind.on == "joints" else ()
+    return Hidden(
+        effect=one.effect,
+        places=_places(joints, one.bodies, robot),
+        alike=_alike(one.effect, joints, robot, case),
+        text=one.describe(),
+    )
+
+
+def _named(
+    one: NamedEffect,
+    hidden: Sequence[HiddenEffect],
+    robot: Robot,
+    case: Case,
+    effects: Sequence[NamedEffect],
+) -> Named:
+    beside = [other.effect for other in effects if other is not one]
+    values = [
+        Value(name=of.name, place=of.place, true=true, value=of.value, std=of.std)
+        for effect in hidden
+        if effect.effect == one.effect
+        for of in one.parameters
+        if not of.at_bound and (true := truth(effect, of.place).get(of.name)) is not None
+    ]
+    return Named(
+        effect=one.effect,
+        places=_places(one.joints, one.bodies, robot),
+        confidence=one.confidence,
+        doubt=one.indistinguishable_from,
+        alike=_alike(one.effect, one.joints, robot, case, beside),
+        values=tuple(values),
+    )
+
+
+def _places(joints: Sequence[str], bodies: Sequence[str], robot: Robot) -> tuple[str, ...]:
+    """The joints or bodies by name; of the whole robot all driven joints."""
+    if EVERYWHERE in joints or not (joints or bodies):
+        return tuple(sorted(name for name in robot.joints if robot.joints[name].drives))
+    return tuple(sorted((*joints, *bodies)))
+
+
+def _alike(
+    effect: str, joints: Sequence[str], robot: Robot, case: Case, beside: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Effects that the catalogue documents as exactly equivalent under the case's channels."""
+    if effect not in CATALOGUE:
+        return ()
+    found = equivalences(
+        effect, SIGNALS[case.channels], robot=robot, joints=tuple(joints), beside=beside
+    )
+    return tuple(found)

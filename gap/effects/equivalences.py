@@ -1,0 +1,289 @@
+"""Effects that no recording of certain channels can tell apart, and why.
+
+    equivalences("command_delay", {"position", "velocity"})
+    # {"sensor_delay": "Without effort, a late command and a late log shift the same curves…"}
+
+Two effects are exactly equivalent where every size of the one has a size of the other that makes
+the same log, whatever was commanded. The search finds by itself that they fit equally well; the
+table here knows the reason, and what else to record. Derivations are beside the entries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from walkerkit.gap.effects.base import EVERYWHERE
+from walkerkit.gap.simulation.robot import Joint, Robot
+
+Condition = Callable[[Robot, Sequence[str]], bool]
+
+_PARALLEL = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Equivalence:
+    """Two effects that make the same log.
+
+    Attributes:
+        effects: their names.
+        parted_by: signals that tell them apart where one of them is recorded.
+        holds: whether they are equivalent at some joints of a robot.
+        usual: they are on most robots, and count as equivalent where no robot is given.
+        beside: an effect that has to be in the explanation already.
+        reason: why, in a sentence.
+    """
+
+    effects: tuple[str, str]
+    parted_by: frozenset[str] = frozenset()
+    holds: Condition
+    usual: bool = False
+    beside: str | None = None
+    reason: str
+
+
+def equivalences(
+    effect: str,
+    signals: Collection[str],
+    *,
+    robot: Robot | None = None,
+    joints: Sequence[str] = (),
+    beside: Collection[str] = (),
+) -> dict[str, str]:
+    """What an effect cannot be told from, whatever is commanded.
+
+    Args:
+        effect: its name in the catalogue.
+        signals: what was recorded of the joints: `position`, `velocity`, `effort`.
+        robot: the robot; None leaves out what holds on special robots only.
+        joints: the joints that have the effect, or `("*",)`; of an effect of bodies none.
+        beside: the other effects that explain the recordings.
+
+    Returns:
+        Name of each exactly equivalent effect to the reason, a sentence.
+    """
+    found = {}
+    for entry in _TABLE:
+        if effect not in entry.effects or not entry.parted_by.isdisjoint(signals):
+            continue
+        if entry.beside is not None and entry.beside not in beside:
+            continue
+        (other,) = (name for name in entry.effects if name != effect)
+        if entry.usual if robot is None else entry.holds(robot, joints):
+            found[other] = entry.reason
+    return found
+
+
+def _of_all_joints(robot: Robot, joints: Sequence[str]) -> bool:
+    return tuple(joints) == (EVERYWHERE,) or len(robot.joints) == 1
+
+
+def _driven_to_positions(robot: Robot, joints: Sequence[str]) -> bool:
+    """Whether the drives' damping acts on speed alone, and not on a velocity target's error."""
+    drives = [drive for name in _listed(robot, joints) for drive in robot.joints[name].drives]
+    return bool(drives) and all(drive.kind == "position" for drive in drives)
+
+
+def _driven_by_gain_alone(robot: Robot, joints: Sequence[str]) -> bool:
+    """Whether the drive's effort is kp (u − q) and nothing else, with no limit of its own."""
+    model = robot.model
+    return _driven_to_positions(robot, joints) and all(
+        drive.damping == 0
+        and not model.actuator_forcelimited[drive.actuator]
+        and not (drive.in_joint_units and model.actuator_biasprm[drive.actuator, 0] != 0)
+        for name in _listed(robot, joints)
+        for drive in robot.joints[name].drives
+    )
+
+
+def _turns_all_in_gravity(robot: Robot, joints: Sequence[str]) -> bool:
+    """Whether a joint carries the whole robot like a tilted base would, past no spring."""
+    model, names = robot.model, _listed(robot, joints)
+    if len(names) != 1 or model.nv != len(robot.joints):
+        return False
+    root = robot.joints[names[0]]
+    return (
+        not root.slide
+        and model.jnt_stiffness[root.id] == 0
+        and all(
+            _descends(model, int(model.jnt_bodyid[other.id]), int(model.jnt_bodyid[root.id]))
+            and other.dof >= root.dof
+            for other in robot.joints.values()
+        )
+        and not _gravity_leaves_alone(robot, root)
+    )
+
+
+def _turns_one_body_in_gravity(robot: Robot, joints: Sequence[str]) -> bool:
+    model = robot.model
+    if model.nv != 1 or not _turns_all_in_gravity(robot, joints):
+        return False
+    carrier = int(model.jnt_bodyid[robot.joints[_listed(robot, joints)[0]].id])
+    moving = [body for body in range(1, model.nbody) if _descends(model, body, carrier)]
+    return sum(bool(model.body_mass[body] > 0) for body in moving) == 1
+
+
+def _moves_across_gravity(robot: Robot, joints: Sequence[str]) -> bool:
+    """Whether the only joint's motion neither lifts nor lowers anything."""
+    return robot.model.nv == 1 and all(
+        _gravity_leaves_alone(robot, joint) for joint in robot.joints.values()
+    )
+
+
+def _moves_across_gravity_without_dry_friction(robot: Robot, joints: Sequence[str]) -> bool:
+    model = robot.model
+    return (
+        _moves_across_gravity(robot, joints)
+        and not model.dof_frictionloss.any()
+        and not (model.jnt_stiffness * model.qpos_spring).any()
+    )
+
+
+def _rubs_dry(robot: Robot, joints: Sequence[str]) -> bool:
+    """Whether the model has dry friction of its own at all of the joints."""
+    dofs = [robot.joints[name].dof for name in _listed(robot, joints)]
+    return bool(dofs) and bool((robot.model.dof_frictionloss[dofs] > 0).all())
+
+
+def _listed(robot: Robot, joints: Sequence[str]) -> list[str]:
+    """The joints by name, also where all are meant."""
+    everything = not joints or tuple(joints) == (EVERYWHERE,)
+    return list(robot.joints) if everything else [name for name in joints if name in robot.joints]
+
+
+def _descends(model: mujoco.MjModel, body: int, carrier: int) -> bool:
+    while body and body != carrier:
+        body = int(model.body_parentid[body])
+    return body == carrier
+
+
+def _gravity_leaves_alone(robot: Robot, joint: Joint) -> bool:
+    """Whether gravity makes no effort at a joint of the first body, wherever it is."""
+    data = mujoco.MjData(robot.model)
+    mujoco.mj_kinematics(robot.model, data)
+    axis, gravity = data.xaxis[joint.id], robot.model.opt.gravity
+    left = axis @ gravity if joint.slide else np.linalg.norm(np.cross(axis, gravity))
+    return bool(abs(left) <= _PARALLEL)
+
+
+_TABLE: tuple[Equivalence, ...] = (
+    # From rest the motion answers u(t − d) with q(t − d), which is what a log that is late by d
+    # shows; the effort is logged as it is made.
+    Equivalence(
+        effects=("command_delay", "sensor_delay"),
+        parted_by=frozenset({"effort"}),
+        holds=_of_all_joints,
+        usual=True,
+        reason=(
+            "Without effort, a late command and a late log shift the same curves; a log of the "
+            "effort, or a push from outside, would show which it is."
+        ),
+    ),
+    # −b q̇ in the joint and −Δkd q̇ from the drive are one torque; only the drive's is in its log.
+    Equivalence(
+        effects=("viscous_friction", "velocity_gain"),
+        parted_by=frozenset({"effort"}),
+        holds=_driven_to_positions,
+        usual=True,
+        reason=(
+            "Without effort, a torque against the speed is the same from the joint and from the "
+            "drive (also as back-EMF of a motor driven by voltage), as long as the drive is below "
+            "its limit; a log of the effort shows only the drive's."
+        ),
+    ),
+    # (1 + α) kp (u − q) = (kp + Δkp)(u − q) with Δkp = α kp.
+    Equivalence(
+        effects=("position_gain", "torque_constant"),
+        parted_by=frozenset({"effort"}),
+        holds=_driven_by_gain_alone,
+        reason=(
+            "This drive has a position gain only, so that a stronger motor and a higher gain make "
+            "the same torque; a log of the effort shows what the drive believes it makes."
+        ),
+    ),
+    # Gravity in the frame of the root joint's body is turned by q − q₀ instead of q, which turning
+    # gravity itself about the joint's axis does too.
+    Equivalence(
+        effects=("encoder_offset", "base_tilt"),
+        holds=_turns_all_in_gravity,
+        reason=(
+            "A wrong zero of the joint that carries everything, and a base that is tilted about "
+            "its axis, turn the robot in gravity alike; a level or an inertial sensor on the base "
+            "would show which it is."
+        ),
+    ),
+    # Turning a body's centre of mass about the axis keeps its distance, and with it the inertia.
+    *(
+        Equivalence(
+            effects=("com_offset", turned),
+            holds=_turns_one_body_in_gravity,
+            reason=(
+                "On a single joint, a centre of mass that lies elsewhere at the same distance from "
+                f"the axis feels gravity as it would with {cause}; a level on the base, or a stop "
+                "at a known angle, would show which it is."
+            ),
+        )
+        for turned, cause in (
+            ("encoder_offset", "a wrong zero of the encoder"),
+            ("base_tilt", "a tilted base"),
+        )
+    ),
+    # Iₐ q̈ and Δm l² q̈ (Δm q̈ on a slide) are one torque where Δm meets no gravity.
+    Equivalence(
+        effects=("armature", "payload"),
+        holds=_moves_across_gravity,
+        reason=(
+            "The only joint moves across gravity, so that a mass adds nothing but inertia, as a "
+            "rotor does; weigh the load, or turn the axis so that it is lifted."
+        ),
+    ),
+    # In m = a q: I m̈ + b ṁ + k m = a (kp (u − m) − kd ṁ); the drive reports what is in brackets.
+    Equivalence(
+        effects=("encoder_gain", "torque_constant"),
+        holds=_moves_across_gravity_without_dry_friction,
+        reason=(
+            "Where nothing but inertia, damping and a spring that rests at zero is moved, turning "
+            "less far than the encoder says is the same as turning too strong; measure an angle "
+            "from outside, or turn the axis so that the link is lifted."
+        ),
+    ),
+    # F⁺ for q̇ > 0 and −F⁻ for q̇ < 0 are ½(F⁺ + F⁻) sgn q̇ + ½(F⁺ − F⁻), at rest as well.
+    *(
+        Equivalence(
+            effects=("torque_bias", "asymmetric_friction"),
+            beside=beside,
+            holds=holds,
+            usual=beside is not None,
+            reason=(
+                "Dry friction that differs between the directions is the same as its mean and a "
+                "constant torque; moving the joint by hand with the motor off would show which it "
+                "is."
+            ),
+        )
+        for beside, holds in (
+            ("coulomb_friction", lambda robot, joints: True),
+            (None, _rubs_dry),
+        )
+    ),
+    # η₁ τ driving and η₂ τ driven are ½(η₁ + η₂) τ − ½(η₂ − η₁) |τ| sgn q̇.
+    *(
+        Equivalence(
+            effects=(alone, "directional_efficiency"),
+            beside=beside,
+            holds=lambda robot, joints: True,
+            usual=True,
+            reason=(
+                "A gear that is worth less when it drives is the same as friction in proportion to "
+                "the load and another torque constant; a known load that is held at rest would "
+                "show the constant by itself."
+            ),
+        )
+        for alone, beside in (
+            ("load_dependent_friction", "torque_constant"),
+            ("torque_constant", "load_dependent_friction"),
+        )
+    ),
+)

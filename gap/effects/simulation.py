@@ -1,0 +1,74 @@
+"""Nothing physical: the simulation itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
+
+_FINEST = 8  # steps in place of one
+_EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
+_IMPLICIT = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+
+
+class Timestep(Effect):
+    """The model is simulated in steps too long for what it does, or by another integrator.
+
+    Its numbers are chosen among their starts and never fitted: whole numbers of steps in place of
+    one, so that targets change where they did. The search takes numerical error out of every
+    prediction by itself; this is for naming it, and for a model that has to go without it.
+    """
+
+    name = "timestep"
+    equation = (
+        "h: timestep [s], a whole part of the model's; explicit integration of actuators exchanged "
+        "for implicit, or the other way round, where integrator [1] is 1"
+    )
+    symptom = "shrinks when replayed in shorter steps"
+    added_as = "option timestep, integrator"
+    source = "MuJoCo documentation, Computation: Numerical integration"
+    kind = "robot"
+    fitted = False
+
+    def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
+        """The robot as a whole."""
+        return (EVERYWHERE,)
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The timestep, and whether the integrator is the other one."""
+        own = float(robot.model.opt.timestep)
+        return (
+            Parameter(
+                name="timestep",
+                unit="s",
+                zero=own,
+                lower=own / _FINEST,
+                upper=own,
+                scale=own / _FINEST,
+                starts=(own / 2, own / 4, own, own / 4),
+            ),
+            Parameter(
+                name="integrator",
+                unit="1",
+                lower=0.0,
+                upper=1.0,
+                scale=0.5,
+                starts=(0.0, 0.0, 1.0, 1.0),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Sets `opt.timestep` and `opt.integrator`, which takes a robot that is compiled anew."""
+        option = trials.robot.model.opt
+        parts = np.clip(np.round(option.timestep / values[:, 0]), 1, None)
+        other = values[:, 1] > 0.5
+        if (parts > 1).any():
+            trials.field("opt.timestep")[:] = option.timestep / parts
+        if other.any():
+            exchanged = _IMPLICIT if option.integrator == _EULER else _EULER
+            trials.field("opt.integrator")[other] = exchanged

@@ -1,0 +1,118 @@
+"""A structure that was given, fitted: its parameters with their errors, and the mended robots."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from walkerkit.gap.report import wording
+from walkerkit.gap.report.diagnosis import Estimate, Gap
+from walkerkit.gap.report.quantity import quantity
+from walkerkit.gap.search.fit import Fit
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.simulation.mended import Mended, mended_by_name, only
+from walkerkit.gap.simulation.robot import Robot
+
+_WIDTH = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedEffect:
+    """One effect of the structure.
+
+    Attributes:
+        effect: its name in the catalogue.
+        places: joints or bodies; `("*",)` where all share one value.
+        parameters: its numbers.
+    """
+
+    effect: str
+    places: tuple[str, ...]
+    parameters: tuple[Estimate, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitted:
+    """Parameters of effects that were named beforehand. Printed, it is a table.
+
+    Attributes:
+        effects: the effects, in the order in which they were given.
+        gap: root-mean-square errors of the recordings that were held out, before and after.
+        robots: the mended robots, one per experiment.
+        problem: what was loaded.
+        fit: the values as the search has them.
+    """
+
+    effects: tuple[FittedEffect, ...]
+    gap: Gap
+    robots: tuple[Robot, ...]
+    problem: Problem
+    fit: Fit
+
+    @property
+    def mended(self) -> Mapping[str, Mended]:
+        """The mended robots by the names of their models, to go on with."""
+        return mended_by_name(self.robots)
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The mended model.
+
+        Raises:
+            ValueError: there are several; take one from `mended`.
+        """
+        return only(self.mended).model
+
+    def value(self, effect: str, parameter: str, place: str | None = None) -> float:
+        """One fitted number.
+
+        Args:
+            effect: the effect's name.
+            parameter: the parameter's name.
+            place: the joint or body, where there are several.
+
+        Raises:
+            KeyError: there is no such parameter, or there are several.
+        """
+        found = [
+            estimate
+            for one in self.effects
+            for estimate in one.parameters
+            if (one.effect, estimate.name) == (effect, parameter)
+            and place in (None, estimate.place)
+        ]
+        if len(found) != 1:
+            has = [(o.effect, e.name, e.place) for o in self.effects for e in o.parameters]
+            raise KeyError(f"{(effect, parameter, place)} is {len(found)} of the parameters {has}")
+        return found[0].value
+
+    def __str__(self) -> str:
+        size = self.gap.position
+        lines = [
+            f"The position error on held-out recordings is {quantity(size.before, size.unit)} "
+            f"before and {quantity(size.after, size.unit)} after; the noise of the measurement "
+            f"alone would leave {quantity(size.noise_floor, size.unit)}."
+        ]
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+        for name in ("effect", "place", "parameter", "value", "unit"):
+            table.add_column(name, justify="right" if name == "value" else "left")
+        notes = []
+        for one in self.effects:
+            for of in one.parameters:
+                value, unit, warning = wording.estimate(of)
+                notes += [wording.WARNINGS[warning]] if warning else []
+                text = f"{value} ({warning})" if warning else value
+                cells = (one.effect, wording.site(of.place), of.name, text, unit)
+                table.add_row(*(Text(wording.label(cell)) for cell in cells))
+        out = io.StringIO()
+        Console(file=out, width=_WIDTH, color_system=None, legacy_windows=False).print(table)
+        lines += ["", *(line.rstrip() for line in out.getvalue().splitlines())]
+        lines += [f"{i}. {note}" for i, note in enumerate(dict.fromkeys(notes), start=1)]
+        return "\n".join(lines)

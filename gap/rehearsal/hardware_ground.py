@@ -1,0 +1,163 @@
+"""The rehearsal robot's ground: springs and Coulomb friction under its feet, none of it MuJoCo's.
+
+    soil = Soil(model, hidden, step=5e-4)        # takes the feet's contacts out of the model
+    soil.push(batch)                             # sets `xfrc_applied` for the next step
+
+A foot is a sphere of a robot that floats, the ground a level plane. Where a foot is δ deep, the
+ground gives N = max(0, k δ + d δ'), and along the plane a bristle F = −k_t z − d_t z' that
+stretches with the foot until |F| = μ N and is dragged on from there (Cundall and Strack,
+Géotechnique 29, 1979). So a foot that does not slip does not creep either, and what it carries
+decides how deep it stands. μ is the model's own; k is such that the robot stands `SINK` deep where
+nothing is hidden.
+
+Limits: feet against a plane; other contacts stay MuJoCo's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.rehearsal.hidden import HiddenEffect
+
+Array = NDArray[np.float64]
+
+SINK: Final = 3e-4
+"""How deep all feet together carry the weight, where nothing is hidden, m."""
+
+_DAMPED = 0.3  # of critical, for a foot's share of the robot
+_ALONG = 0.7  # stiffness along the ground over that into it
+_EFFECTS = ("ground_friction", "ground_compliance")
+
+
+class Soil:
+    """The ground under the feet of one robot, in many simulations.
+
+    Attributes:
+        any: whether there are feet at all.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, hidden: Sequence[HiddenEffect], *, step: float, n_sims: int
+    ) -> None:
+        """Takes the ground's contacts with the feet out of the model.
+
+        Args:
+            model: the robot's model, written to.
+            hidden: effects; those that are not of the ground are left alone.
+            step: time from one call to the next, s.
+            n_sims: number of simulations.
+
+        Raises:
+            InputError: the ground is hidden, and the robot does not stand on its feet.
+        """
+        plane, feet = _feet(model)
+        self.any = bool(feet)
+        mine = [effect for effect in hidden if effect.effect in _EFFECTS]
+        if mine and not self.any:
+            raise InputError(
+                f"{mine[0].effect} is hidden, and the robot has no feet: give it a free joint, "
+                "spheres to stand on and a level plane"
+            )
+        if not self.any:
+            return
+        self._feet = np.array(feet)
+        self._bodies = model.geom_bodyid[self._feet]
+        self._roots = model.body_rootid[self._bodies]
+        self._radius = model.geom_size[self._feet, 0]
+        self._level = float(model.geom_pos[plane, 2])
+        self._step = step
+        mass = float(model.body_subtreemass[self._roots[0]])
+        share = mass / len(feet)
+        gravity = float(np.linalg.norm(model.opt.gravity))
+        self._stiffness = share * gravity / SINK
+        self._friction = np.array([_sliding(model, plane, foot) for foot in feet])
+        for effect in mine:
+            if effect.effect == "ground_friction":
+                self._friction[:] = effect.value("friction")
+            else:
+                self._stiffness = effect.value("stiffness")
+        self._damping = 2 * _DAMPED * float(np.sqrt(self._stiffness * share))
+        self._stretch = np.zeros((n_sims, len(feet), 2))
+        model.geom_contype[self._feet] = model.geom_conaffinity[self._feet] = 0
+
+    def watch(self, batch: Any) -> None:
+        """Has a batch work out where the feet are and how they move."""
+        for name in ("geom_xpos", "cvel", "subtree_com", "xipos"):
+            batch.bind(name)
+        batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_VEL))
+
+    def push(self, batch: Any) -> None:
+        """Sets what the ground applies to the feet in the next step.
+
+        Args:
+            batch: the simulations, whose velocities are those of now.
+        """
+        centre = batch.bind("geom_xpos")[:, self._feet]
+        motion = batch.bind("cvel")[:, self._bodies]
+        about = batch.bind("subtree_com")[:, self._roots]
+        depth = self._level + self._radius - centre[..., 2]
+        point = centre.copy()
+        point[..., 2] -= self._radius - 0.5 * np.maximum(depth, 0.0)
+        velocity = motion[..., 3:] + np.cross(motion[..., :3], point - about)
+        down = self._stiffness * depth - self._damping * velocity[..., 2]
+        normal = np.where(depth > 0, np.maximum(down, 0.0), 0.0)
+
+        along, drag = _ALONG * self._stiffness, _ALONG * self._damping
+        stretch = self._stretch + self._step * velocity[..., :2]
+        force = -along * stretch - drag * velocity[..., :2]
+        size = np.linalg.norm(force, axis=-1)
+        most = self._friction * normal
+        slips = size > most
+        force *= np.where(slips, most / np.where(slips, size, 1.0), 1.0)[..., None]
+        # A bristle that is dragged holds what it can, and one in the air is slack.
+        self._stretch = np.where(
+            (depth > 0)[..., None],
+            np.where(slips[..., None], -(force + drag * velocity[..., :2]) / along, stretch),
+            0.0,
+        )
+        pushed = np.concatenate([force, normal[..., None]], axis=-1)
+        applied = batch.bind("xfrc_applied")
+        lever = point - batch.bind("xipos")[:, self._bodies]
+        applied[:, np.unique(self._bodies)] = 0.0
+        wrench = np.concatenate([pushed, np.cross(lever, pushed)], axis=-1)
+        for foot, body in enumerate(self._bodies):
+            applied[:, body] += wrench[:, foot]
+
+
+def _feet(model: mujoco.MjModel) -> tuple[int, list[int]]:
+    """A level plane, and the spheres of a floating robot that can touch it."""
+    floating = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
+    planes = [
+        geom
+        for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+        if model.body_weldid[model.geom_bodyid[geom]] == 0
+        and abs(model.geom_quat[geom, 1:3]).max() == 0
+        and model.geom_bodyid[geom] == 0
+    ]
+    if not floating.size or not planes:
+        return -1, []
+    plane = int(planes[0])
+    return plane, [
+        int(geom)
+        for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE)
+        if model.body_rootid[model.geom_bodyid[geom]] in floating
+        and (
+            model.geom_contype[geom] & model.geom_conaffinity[plane]
+            or model.geom_contype[plane] & model.geom_conaffinity[geom]
+        )
+    ]
+
+
+def _sliding(model: mujoco.MjModel, plane: int, foot: int) -> float:
+    """The coefficient of sliding friction that the model has between two geoms."""
+    first, second = model.geom_priority[[plane, foot]]
+    of_plane, of_foot = model.geom_friction[[plane, foot], 0]
+    if first != second:
+        return float(of_plane if first > second else of_foot)
+    return float(max(of_plane, of_foot))

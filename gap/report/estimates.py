@@ -1,0 +1,65 @@
+"""Fitted values as estimates: with standard errors, units, and which of them are none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.report.diagnosis import Estimate
+from walkerkit.gap.search.fit import INSENSITIVE, Fit
+from walkerkit.gap.search.structure import Term
+
+FloatArray = NDArray[np.float64]
+
+_AT_BOUND = 1e-6  # of the width between the bounds
+_NOTHING = 1e-9  # so stiff that more makes no difference
+
+
+def estimates(
+    fit: Fit, term: Term, variance: FloatArray, sensitivity: FloatArray
+) -> tuple[Estimate, ...]:
+    """The numbers of one term of a fit.
+
+    Args:
+        fit: the fit.
+        term: one of its structure's.
+        variance: as `covariance` has it of the fit.
+        sensitivity: the same.
+    """
+    lower, upper = fit.structure.bounds
+    found = []
+    for i in fit.structure.columns(term):
+        slot = fit.structure.slots[i]
+        margin = _AT_BOUND * (upper[i] - lower[i])
+        at_bound = bool(min(fit.values[i] - lower[i], upper[i] - fit.values[i]) <= margin)
+        known = sensitivity[i] > INSENSITIVE and not at_bound
+        choice = slot.parameter.choice  # is what it is, without an error
+        estimate = Estimate(
+            name=slot.parameter.name,
+            place=slot.place,
+            value=float(fit.values[i]),
+            std=0.0 if choice else float(np.sqrt(variance[i, i])) if known else None,
+            unit=slot.parameter.unit,
+            at_bound=at_bound and not choice,
+            lower=float(lower[i]),
+            upper=float(upper[i]),
+        )
+        found.append(_inverted(estimate, *slot.parameter.inverse))
+    return tuple(found)
+
+
+def _inverted(estimate: Estimate, name: str = "", unit: str = "") -> Estimate:
+    """One over an estimate, by its own name; as it is without a name, or at zero."""
+    if not name or estimate.value <= 0:
+        return estimate
+    return replace(
+        estimate,
+        name=name,
+        unit=unit,
+        value=1 / estimate.value,
+        std=None if estimate.std is None else estimate.std / estimate.value**2,
+        lower=1 / estimate.upper,
+        upper=1 / max(estimate.lower, _NOTHING),
+    )

@@ -1,0 +1,242 @@
+"""Recordings replayed by robots as they are, numerical error and all: the gap, and where it is.
+
+replayed = replay_half(problem, "held", problem.robots)
+gap = gap_of(problem, replayed, replayed)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.recordings.segments import cut
+from walkerkit.gap.report.diagnosis import Gap, GapMap, GapSize, Trace
+from walkerkit.gap.report.locate import gap_map
+from walkerkit.gap.report.regimes import regimes
+from walkerkit.gap.search.fit import Fit
+from walkerkit.gap.search.problem import Half, Problem, channel_noise
+from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
+
+FloatArray = NDArray[np.float64]
+
+_QUARTER = 4  # of the timestep, at which the numerical floor is taken
+_LONGEST_TRACE = 20000  # samples
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replayed:
+    """All replays of one half under one set of robots, with the predictions.
+
+    Attributes:
+        replays: one for each robot that has recordings.
+        predicted: of each, (rows, n_channels) what its log would show.
+    """
+
+    replays: tuple[Replay, ...]
+    predicted: tuple[FloatArray, ...]
+
+    def residuals(self) -> list[FloatArray]:
+        """Predicted minus measured of every replay, (rows, n_channels)."""
+        return [p - r.measured for p, r in zip(self.predicted, self.replays, strict=True)]
+
+    def rms(self, channels: Sequence[Channel]) -> float:
+        """Root mean square over all samples of some channels."""
+        squares, count = 0.0, 0
+        for replay, residual in zip(self.replays, self.residuals(), strict=True):
+            for c, channel in enumerate(replay.channels):
+                if channel in channels:
+                    known = ~np.isnan(replay.measured[:, c])
+                    squares += float(np.square(residual[known, c]).sum())
+                    count += int(known.sum())
+        return float(np.sqrt(squares / count)) if count else 0.0
+
+
+def replay_half(problem: Problem, half_name: str, robots: Sequence[Robot]) -> Replayed:
+    """Replays a half on robots as they are, numerical error and all.
+
+    Args:
+        problem: what the recordings are of.
+        half_name: `fit` or `held`.
+        robots: one for each of the problem's.
+    """
+    half: Half = getattr(problem, half_name)
+    coarse = iter(half.told)
+    replays = []
+    for robot, recordings in zip(robots, half.recordings, strict=True):
+        if not recordings:
+            continue
+        template = next(coarse)
+        replays.append(
+            template
+            if robot is template.robot
+            else Replay(
+                robot,
+                cut(recordings, problem.window),
+                template.channels,
+                hold=problem.hold,
+                n_threads=template.n_threads,
+            )
+        )
+    return Replayed(
+        replays=tuple(replays),
+        predicted=tuple(replay.predict(Trials(replay.robot, 1))[0] for replay in replays),
+    )
+
+
+def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
+    """How large the gap is before and after, in all and joint by joint, and how small it can be."""
+    channels = before.replays[0].channels
+    everything = [r for half in (problem.fit, problem.held) for g in half.recordings for r in g]
+    floor = {c: channel_noise(everything, c).std for c in channels}
+
+    def size(chosen: Sequence[Channel]) -> GapSize:
+        return GapSize(
+            unit=unit_of(problem, chosen),
+            before=before.rms(chosen),
+            after=after.rms(chosen),
+            noise_floor=float(np.sqrt(np.mean([floor[c] ** 2 for c in chosen]))),
+        )
+
+    positions = [c for c in channels if c.signal == "position"]
+    signals = dict.fromkeys(c.quantity for c in channels)
+    return Gap(
+        position=size(positions),
+        horizon=problem.window,
+        numerical_floor=_numerical_floor(problem, after),
+        held_out=True,
+        joints={c.joint: size([c]) for c in positions},
+        signals={name: size([c for c in channels if c.quantity == name]) for name in signals},
+    )
+
+
+def gaps_of(replayed: Replayed) -> dict[str, float]:
+    """The gap of every signal over all joints."""
+    channels = replayed.replays[0].channels
+    signals = dict.fromkeys(channel.quantity for channel in channels)
+    return {name: replayed.rms([c for c in channels if c.quantity == name]) for name in signals}
+
+
+def gaps_with(problem: Problem, fit: Fit) -> dict[str, float]:
+    """The held-out gap of every signal with a fit, numerical error and all."""
+    replays = problem.held.told
+    predicted = (
+        replay.predict(fit.structure.trials(replay.robot, fit.values[None]))[0]
+        for replay in replays
+    )
+    return gaps_of(Replayed(replays=replays, predicted=tuple(predicted)))
+
+
+def gap_maps(
+    problem: Problem, before: Mapping[str, Replayed], after: Mapping[str, Replayed]
+) -> tuple[GapMap, ...]:
+    """Where the gaps of position and effort live, over all recordings.
+
+    Args:
+        problem: what the recordings are of.
+        before: both halves by name, with the model as it was given.
+        after: the same as it was mended.
+    """
+    replays = [replay for half in before.values() for replay in half.replays]
+    masks = [regimes(replay, problem.joints) for replay in replays]
+    residuals = [
+        [residual for half in which.values() for residual in half.residuals()]
+        for which in (before, after)
+    ]
+    found = []
+    for signal in ("position", "effort"):
+        channels = [c for c in replays[0].channels if c.signal == signal]
+        if channels:
+            old, new = (gap_map(masks, replays, r, problem.joints, signal) for r in residuals)
+            unit = unit_of(problem, channels)
+            found.append(GapMap(signal=signal, unit=unit, before=old, after=new))
+    return tuple(found)
+
+
+def traces(
+    problem: Problem, before: Mapping[str, Replayed], after: Mapping[str, Replayed]
+) -> tuple[Trace, ...]:
+    """Every measured channel of every recording, held-out recordings first.
+
+    Args:
+        problem: what the recordings are of.
+        before: both halves by name, as the model was given.
+        after: the same as it was mended.
+    """
+    found = []
+    for half in ("held", "fit"):
+        pairs = zip(
+            before[half].replays,
+            before[half].predicted,
+            after[half].predicted,
+            strict=True,
+        )
+        for replay, old, new in pairs:
+            segments = replay.segments
+            names = dict.fromkeys(segment.recording.name for segment in segments)
+            owner = np.array([segment.recording.name for segment in segments])
+            for name in names:
+                rows = np.flatnonzero(owner[replay.segment_of_row] == name)
+                rows = rows[:: max(1, len(rows) // _LONGEST_TRACE)]
+                start = np.array([segment.start for segment in segments])
+                time = replay.time_of_row[rows] + start[replay.segment_of_row[rows]]
+                for c, channel in enumerate(replay.channels):
+                    if np.isnan(replay.measured[rows, c]).all():
+                        continue
+                    target = _target(replay, channel, name, time)
+                    found.append(
+                        Trace(
+                            recording=name,
+                            joint=channel.joint,
+                            signal=channel.signal,
+                            unit=unit_of(problem, [channel]),
+                            held_out=half == "held",
+                            time=time,
+                            measured=replay.measured[rows, c],
+                            before=old[rows, c],
+                            after=new[rows, c],
+                            target=target,
+                        )
+                    )
+    return tuple(found)
+
+
+def _target(replay: Replay, channel: Channel, name: str, time: FloatArray) -> FloatArray | None:
+    """What was commanded of a signal at some instants of a recording."""
+    recording = next(s.recording for s in replay.segments if s.recording.name == name)
+    target = recording.columns.get(f"{channel.joint}/{channel.signal}_target")
+    return None if target is None else np.interp(time, recording.time, target)
+
+
+def unit_of(problem: Problem, channels: Sequence[Channel]) -> str:
+    """The unit of some channels of one signal; both where hinges and slides are among them."""
+    """The unit of channels of one signal."""
+    joints = problem.robots[0].joints
+    slides = {not c.of_base and joints[c.joint].slide for c in channels}
+    return " and ".join(channels[0].unit(slide=slide) for slide in sorted(slides))
+
+
+def _numerical_floor(problem: Problem, after: Replayed) -> float:
+    """Root-mean-square change of the held-out positions at a quarter of the timestep."""
+    finer = []
+    for replay in after.replays:
+        fine = Replay(
+            replay.robot.refined(_QUARTER),
+            replay.segments,
+            replay.channels,
+            hold=problem.hold,
+            n_threads=problem.n_threads,
+        )
+        finer.append(fine.predict(Trials(fine.robot, 1))[0])
+    squares, count = 0.0, 0
+    for replay, coarse, fine in zip(after.replays, after.predicted, finer, strict=True):
+        columns = [c for c, channel in enumerate(replay.channels) if channel.signal == "position"]
+        known = np.isfinite(replay.measured[:, columns])
+        change = np.where(known, fine[:, columns] - coarse[:, columns], 0.0)
+        squares += float(np.square(change).sum())
+        count += int(known.sum())
+    return float(np.sqrt(squares / count))

@@ -1,0 +1,232 @@
+"""What can be changed of a robot before an experiment, so that it tells more.
+
+    for set_up in set_ups(robot, joints, concerned=("knee",), efforts=True):
+        set_up.instruction                 # "Put 0.5 kg on body calf, at its centre of mass."
+        set_up.change(trials)              # the same, done to variants of the robot
+        set_up.changed(robot)              # the robot as it is given, so changed: a model to write
+
+Each says in words what to do, and does it to any variant: on top of whatever the variant assumes of
+the robot, as the real change is on top of whatever is true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.simulation.mend import mend
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
+
+Change = Callable[[Trials], None]
+
+RELEASE = "release"
+"""In place of an excitation's name: the joints are let go from a pose."""
+
+_GAIN = 0.3  # of the drive's
+_MASSES = (0.5, 0.2)  # of what the body carries already
+_HANDS = 2  # that hold joints until they are let go
+_CLAMPED = 1e9  # kg·m² (kg): nothing moves a joint of this inertia
+_STEADY = ("slow_triangle", "steps", "multisine")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetUp:
+    """One change.
+
+    Attributes:
+        name: `as_it_is`, `effort_logged`, `reduced_gain`, `known_payload`, `motor_off`,
+            `held_link`.
+        instruction: what to do, in sentences; empty for nothing.
+        excitations: names of what to play under it.
+        trouble: how much it asks of who does it, 0 for nothing; equally good ones are chosen by it.
+        change: does it to variants of the robot.
+        released: joints whose drive is off.
+        held: joints that are clamped.
+        more_effort: the efforts are logged that were not.
+    """
+
+    name: str
+    instruction: str
+    excitations: tuple[str, ...]
+    trouble: int
+    change: Change
+    released: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
+    more_effort: bool = False
+
+    @property
+    def changes_robot(self) -> bool:
+        """Whether its recording needs a model of its own."""
+        return self.trouble > 0 and not self.more_effort
+
+    def changed(self, robot: Robot) -> Robot:
+        """The robot with the change in its model."""
+        trials = Trials(robot, 1)
+        self.change(trials)
+        return mend(trials)
+
+
+def set_ups(
+    robot: Robot,
+    joints: Sequence[str],
+    *,
+    concerned: Sequence[str],
+    efforts: bool,
+    excitations: Sequence[str],
+) -> tuple[SetUp, ...]:
+    """What can be done with a robot whose joints take position targets.
+
+    Args:
+        robot: the robot.
+        joints: the joints that were recorded.
+        concerned: those of them that the effects in question act on.
+        efforts: whether the efforts were logged.
+        excitations: names of all excitations, for the robot as it is.
+
+    Returns:
+        The robot as it is first, then by how much trouble they are.
+    """
+    found = [
+        SetUp(
+            name="as_it_is",
+            instruction="",
+            excitations=tuple(excitations),
+            trouble=0,
+            change=_nothing,
+        )
+    ]
+    steady = tuple(name for name in _STEADY if name in excitations)
+    if not efforts:
+        found.append(
+            SetUp(
+                name="effort_logged",
+                instruction=(
+                    "Log the effort of each joint as well: the drive's current times its nominal "
+                    "torque constant, in N·m."
+                ),
+                excitations=steady,
+                trouble=1,
+                change=_nothing,
+                more_effort=True,
+            )
+        )
+    found.append(
+        SetUp(
+            name="reduced_gain",
+            instruction=f"Set the position gain of every drive to {_GAIN:g} of what it is.",
+            excitations=steady,
+            trouble=1,
+            change=lambda trials: _reduce_gain(trials, joints),
+        )
+    )
+    found += [_with_payload(robot, body, part, steady) for body, part in _loads(robot, concerned)]
+    if robot.base is None and len(concerned) <= _HANDS:  # a robot that stands would fall
+        found.append(
+            SetUp(
+                name="motor_off",
+                instruction=(
+                    f"Switch the drive{_plural(concerned)} of {_listed(concerned)} off. Hold the "
+                    f"joint{_plural(concerned)} at the first target, start the log, and let go."
+                ),
+                excitations=(RELEASE,),
+                trouble=2,
+                change=lambda trials: _switch_off(trials, concerned),
+                released=tuple(concerned),
+            )
+        )
+    if robot.base is None:
+        joint = concerned[0]
+        found.append(
+            SetUp(
+                name="held_link",
+                instruction=f"Clamp the link behind joint {joint} where its first target is.",
+                excitations=tuple(name for name in ("steps", "chirp") if name in excitations),
+                trouble=3,
+                change=lambda trials: _clamp(trials, joint),
+                held=(joint,),
+            )
+        )
+    return tuple(found)
+
+
+def held_amplitude(robot: Robot, joint: str) -> float:
+    """How far the targets of a clamped joint may go, for an effort that it has made already."""
+    drive = robot.joints[joint].drive("position")
+    stiffness = drive.stiffness if drive else 0.0
+    return robot.excursion(joint).effort / stiffness if stiffness > 0 else 0.0
+
+
+def _nothing(trials: Trials) -> None:
+    pass
+
+
+def _reduce_gain(trials: Trials, joints: Sequence[str]) -> None:
+    for name in joints:
+        drive = trials.robot.joints[name].drive("position")
+        if drive is None:
+            continue
+        bias = trials.field("actuator_biasprm")[:, drive.actuator]
+        trials.field("actuator_gainprm")[:, drive.actuator, 0] *= _GAIN
+        bias[:, 1] *= _GAIN
+        if not drive.in_joint_units:  # then it is part of how a control becomes a position
+            bias[:, 0] *= _GAIN
+
+
+def _with_payload(robot: Robot, body: str, part: float, excitations: tuple[str, ...]) -> SetUp:
+    mass = _round(part * float(robot.model.body(body).subtreemass[0]))
+
+    def put_on(trials: Trials) -> None:
+        trials.field("body_mass")[:, trials.robot.model.body(body).id] += mass
+
+    x, y, z = (f"{1e3 * r:.0f}" for r in robot.model.body(body).ipos)
+    return SetUp(
+        name="known_payload",
+        instruction=(
+            f"Put {mass:g} kg on body {body}, at its centre of mass "
+            f"({x}, {y}, {z} mm in the body's frame); weigh it first."
+        ),
+        excitations=excitations,
+        trouble=2,
+        change=put_on,
+    )
+
+
+def _loads(robot: Robot, concerned: Sequence[str]) -> list[tuple[str, float]]:
+    """The last body that the joints in question move, or the trunk, with what to put on it."""
+    if robot.base is not None and robot.base.body in robot.bodies:
+        return [(robot.base.body, part) for part in _MASSES]
+    bodies = CATALOGUE["payload"].sites(robot, concerned)
+    model = robot.model
+    ids = {model.body(name).id for name in bodies}
+    carriers = {int(model.body_parentid[body]) for body in ids}
+    last = [name for name in bodies if model.body(name).id not in carriers]
+    return [(body, part) for body in last[:1] for part in _MASSES]
+
+
+def _switch_off(trials: Trials, joints: Sequence[str]) -> None:
+    for name in joints:
+        for drive in trials.robot.joints[name].drives:
+            trials.field("actuator_gainprm")[:, drive.actuator] = 0.0
+            trials.field("actuator_biasprm")[:, drive.actuator] = 0.0
+
+
+def _clamp(trials: Trials, joint: str) -> None:
+    trials.field("dof_armature")[:, trials.robot.joints[joint].dof] += _CLAMPED
+
+
+def _round(value: float) -> float:
+    """The nearest of 1, 2, 5, 10…: what scales and shelves have."""
+    steps = np.array([1.0, 2.0, 5.0, 10.0]) * 10.0 ** np.floor(np.log10(value))
+    return float(f"{steps[np.argmin(np.abs(np.log(steps / value)))]:.1g}")
+
+
+def _plural(names: Sequence[str]) -> str:
+    return "s" if len(names) > 1 else ""
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

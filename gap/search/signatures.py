@@ -1,0 +1,270 @@
+"""What every effect would change, seen from where the search stands, and what that could explain.
+
+    view = look(half, current, terms)
+    view.promise([0])            # the score that a fit of the first effect can hope for
+    view.promise([0, 3])         # of two together
+    view.start([0, 3])           # where such a fit begins
+
+One small step says nothing about limits and dead zones, so each effect is simulated at its own list
+of magnitudes, place by place. What those change, beside what the parameters in place could follow
+and what a finer timestep would change, explains a part of the gap by least squares: cheap enough
+to try every pair of effects and every exchange of one for another. These are promises; what is to
+be kept is fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.fit import Fit, jacobian
+from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.problem import Half
+from walkerkit.gap.search.structure import Structure, Term, carried
+
+FloatArray = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+_SWEEPS = 4  # of least squares, each with the weights that the gaps of the last one give
+_RIDGE = 1e-6  # of a change's own size
+_NEEDED = 0.02  # a place that promises less, summed over the channels, is left out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """One effect on top of the current structure.
+
+    Attributes:
+        term: the effect at the places that promise something.
+        tries: place to the values of its parameters there that promise most.
+        columns: indices of its changes in the view; none for what promises nothing.
+    """
+
+    term: Term
+    tries: dict[str, FloatArray]
+    columns: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Simulated:
+    """An effect at its magnitudes: (n_tries,) places and values, and what they change."""
+
+    term: Term
+    places: tuple[str, ...]
+    values: tuple[FloatArray, ...]
+    changes: Single
+
+
+class View:
+    """The residual at the current fit, and what every effect would change of it.
+
+    Args:
+        objective: the recordings that are looked at.
+        current: the fit.
+        residual: (rows, n_scored) what it leaves, with the numerical error in it.
+        nuisance: (k, rows, n_scored) changes that go with every effect, freely or by factors within
+            the objective's bounds where they are numerical; those are the last.
+        simulated: the effects at their magnitudes.
+
+    Attributes:
+        candidates: an entry per effect, in the order given.
+        channels: number of the scored channels.
+        score: that of the residual, where no effect takes anything of it.
+    """
+
+    def __init__(
+        self,
+        objective: Objective,
+        current: Fit,
+        residual: FloatArray,
+        nuisance: FloatArray,
+        simulated: Sequence[_Simulated],
+    ):
+        self._objective = objective
+        self._current = current
+        self._residual = residual
+        self._nuisance = nuisance
+        self._bounded = objective.numerical_bounds()
+        self._columns: list[FloatArray] = [*nuisance]
+        self.candidates = tuple(self._chosen(one) for one in simulated)
+        self.channels = len(objective.channels)
+        self.score = self._score(range(len(nuisance)))
+
+    def promise(self, members: Sequence[int]) -> float:
+        """The score that some candidates together can hope for."""
+        columns = [k for member in members for k in self.candidates[member].columns]
+        return self._score([*range(len(self._nuisance)), *columns])
+
+    def start(self, members: Sequence[int]) -> tuple[Structure, FloatArray]:
+        """The current structure with some candidates, at the values that promise most."""
+        structure, values = self._current.structure, self._current.values
+        for member in members:
+            candidate = self.candidates[member]
+            extended = structure.with_term(candidate.term)
+            values = carried(values, structure, extended)
+            for place, own in candidate.tries.items():
+                values[extended.columns(candidate.term, place)] = own
+            structure = extended
+        return structure, np.clip(values, *structure.bounds)
+
+    def _chosen(self, one: _Simulated) -> Candidate:
+        """The magnitude at each place that goes best with the residual, of places that matter."""
+        offset = len(self._columns)
+        best: dict[str, int] = {}
+        explained = self._explained(one.changes) if one.places else np.zeros(0)
+        for k, place in enumerate(one.places):
+            if place not in best or explained[k] > explained[best[place]]:
+                best[place] = k
+        picked = [(place, k) for place, k in best.items() if explained[k] > 0]
+        self._columns.extend(one.changes[k].astype(np.float64) for _, k in picked)
+        self.__dict__.pop("_products", None)
+        own = list(range(offset, offset + len(picked)))
+        free = list(range(len(self._nuisance)))
+        total = len(self._objective.channels)
+        while len(own) > 1:
+            full = self._score([*free, *own])
+            cost = [total * (self._score([*free, *(c for c in own if c != k)]) - full) for k in own]
+            if min(cost) >= _NEEDED:
+                break
+            own.pop(int(np.argmin(cost)))
+        # What promises nothing anywhere can still be fitted from where it does least harm.
+        kept = [picked[k - offset] for k in own] or list(best.items())
+        term = one.term
+        if not term.shared and kept:
+            sites = tuple(site for site in term.sites if site in dict(kept))
+            term = replace(term, sites=sites)
+        return Candidate(
+            term=term,
+            tries={place: one.values[k] for place, k in kept},
+            columns=tuple(own),
+        )
+
+    def _explained(self, changes: Single) -> FloatArray:
+        """(n,) squared gaps, weighted, that each change can take away in its own direction."""
+        weights = self._objective.weights(self._objective.mean_square(self._residual))
+        root = np.sqrt(weights).astype(np.float32)
+        a = (changes * root).reshape(len(changes), -1)
+        r = (self._residual.astype(np.float32) * root).ravel()
+        free = self._nuisance[: len(self._nuisance) - len(self._bounded)]
+        if len(free):
+            n = (free.astype(np.float32) * root).reshape(len(free), -1)
+            basis, _ = np.linalg.qr(n.T)
+            r = r - basis @ (basis.T @ r)
+            a = a - (a @ basis) @ basis.T
+        along = -(a @ r).astype(np.float64)
+        size = np.einsum("ij,ij->i", a, a).astype(np.float64)
+        explained: FloatArray = np.sign(along) * along**2 / np.maximum(size, 1e-300)
+        return explained
+
+    @cached_property
+    def _products(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Per channel: products of the columns, of columns and residual, of the residual."""
+        a = np.stack(self._columns).transpose(2, 0, 1) if self._columns else None
+        r = np.ascontiguousarray(self._residual.T)
+        if a is None:
+            empty = np.zeros((len(r), 0, 0))
+            return empty, empty[:, 0], np.einsum("cr,cr->c", r, r)
+        return a @ a.transpose(0, 2, 1), np.einsum("ckr,cr->ck", a, r), np.einsum("cr,cr->c", r, r)
+
+    def _score(self, columns: Sequence[int]) -> float:
+        gram, along, square = self._products
+        objective = self._objective
+        mean_square = square / objective.count
+        k = np.asarray(columns, dtype=np.intp)
+        if k.size:
+            gram, along = gram[:, k[:, None], k], along[:, k]
+            first = len(self._nuisance) - len(self._bounded)
+            bounded = (k >= first) & (k < len(self._nuisance))
+            low, high = self._bounded.T
+            for _ in range(_SWEEPS):
+                weights = objective.weights(mean_square)
+                matrix = np.einsum("c,cij->ij", weights, gram)
+                matrix += np.diag(_RIDGE * np.diag(matrix) + 1e-300)
+                target = -weights @ along
+                x = np.linalg.solve(matrix, target)
+                if bounded.any():
+                    x = _within(matrix, target, x, bounded, low, high)
+                left = square + 2 * along @ x + np.einsum("i,cij,j->c", x, gram, x)
+                mean_square = np.maximum(left, 0) / objective.count
+        return float(objective.score(mean_square))
+
+
+def _within(
+    matrix: FloatArray,
+    target: FloatArray,
+    x: FloatArray,
+    bounded: NDArray[np.bool_],
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """The least squares x with some of its numbers moved to their bounds, the others following."""
+    held = np.clip(x[bounded], low, high)
+    if (held == x[bounded]).all():
+        return x
+    free = ~bounded
+    x = x.copy()
+    x[bounded] = held
+    rest = target[free] - matrix[np.ix_(free, bounded)] @ held
+    x[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
+    return x
+
+
+def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
+    """Simulates every term at its magnitudes on top of a fit.
+
+    Args:
+        half: the recordings, refined at the fit.
+        current: what is already explained.
+        terms: the effects.
+
+    Returns:
+        The view, with a candidate per term in their order.
+    """
+    objective = half.objective
+    own = Case(structure=current.structure, values=current.values[None])
+    (simulated,) = objective.simulated([own])[0]
+    slopes = jacobian(objective, current)
+    slopes = slopes[np.square(slopes).sum(axis=(1, 2)) > 0]
+    nuisance = np.concatenate([slopes, objective.numerical])
+    found = []
+    cases = [_tries(current, term) for term in terms]
+    flat = [case for _, _, case in cases]
+    for group in objective.grouped(flat):
+        for (term, (places, values, _)), block in zip(
+            list(zip(terms, cases, strict=True))[group],
+            objective.simulated(flat[group]),
+            strict=True,
+        ):
+            changes = (block - simulated).astype(np.float32)
+            fine = np.isfinite(changes).all(axis=(1, 2)) & (changes != 0).any(axis=(1, 2))
+            found.append(
+                _Simulated(
+                    term=term,
+                    places=tuple(p for p, good in zip(places, fine, strict=True) if good),
+                    values=tuple(v for v, good in zip(values, fine, strict=True) if good),
+                    changes=changes[fine],
+                )
+            )
+    return View(objective, current, simulated, nuisance, found)
+
+
+def _tries(current: Fit, term: Term) -> tuple[list[str], list[FloatArray], Case]:
+    """Each magnitude at each place: the places, the term's values there, and the case."""
+    structure = current.structure.with_term(term)
+    start = carried(current.values, current.structure, structure)
+    lower, upper = structure.bounds
+    places, own, rows = [], [], []
+    for place in term.places:
+        columns = structure.columns(term, place)
+        magnitudes = [structure.slots[column].parameter.starts for column in columns]
+        for values in zip(*magnitudes, strict=True):
+            row = start.copy()
+            row[columns] = np.clip(values, lower[columns], upper[columns])
+            places.append(place)
+            own.append(row[columns])
+            rows.append(row)
+    return places, own, Case(structure=structure, values=np.stack(rows))

@@ -1,0 +1,65 @@
+"""Commands as they were some time ago, and signals between the steps of a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def delayed(values: FloatArray, past: int, steps: int, shift: FloatArray) -> FloatArray:
+    """Commands of each trial, interpolated linearly between steps as MuJoCo's own delay does.
+
+    Args:
+        values: (n_segments, past + ..., width) held commands; index `past` is the start.
+        past: steps before the start.
+        steps: steps wanted.
+        shift: (n, n_segments, width) age in steps.
+
+    Returns:
+        (n, n_segments, steps, width).
+    """
+    n, n_segments, width = shift.shape
+    if not shift.any():
+        return np.broadcast_to(values[None, :, past : past + steps], (n, *values[:, :steps].shape))
+    out = np.empty((n, n_segments, steps, width))
+    for row in range(n):
+        for column in range(width):
+            for some, age in _alike(shift[row, :, column]):
+                position = past - min(age, float(past))
+                whole = int(np.floor(position))
+                part = position - whole
+                early = values[some, whole : whole + steps, column]
+                late = values[some, whole + 1 : whole + 1 + steps, column]
+                out[row, some, :, column] = (1 - part) * early + part * late
+    return out
+
+
+def _alike(ages: FloatArray) -> Iterator[tuple[slice, float]]:
+    """All segments at once where they have the same age, else one by one."""
+    if (ages == ages[0]).all():
+        yield slice(None), float(ages[0])
+    else:
+        for s, age in enumerate(ages):
+            yield slice(s, s + 1), float(age)
+
+
+def at_index(series: FloatArray, index: FloatArray) -> FloatArray:
+    """Linear interpolation of (n, steps) rows at fractional (n, rows) or (1, rows) indices."""
+    last = series.shape[1] - 1
+    index = np.clip(index, 0, last)
+    if (index == index[:1]).all():
+        index = index[:1]
+        whole = np.minimum(index[0].astype(np.int64), last - 1)
+        part = index[0] - whole
+        early, late = series[:, whole], series[:, whole + 1]
+    else:
+        whole = np.minimum(index.astype(np.int64), last - 1)
+        part = index - whole
+        early = np.take_along_axis(series, whole, axis=1)
+        late = np.take_along_axis(series, whole + 1, axis=1)
+    between: FloatArray = early * (1 - part) + late * part
+    return between

@@ -1,0 +1,142 @@
+"""The drivetrain laws of all variants of a robot in all segments, as a replay needs them.
+
+    laws = Laws(model, joints, fields, trials, n_segments)
+    ctrl, ahead = laws.controlled(ctrl, time)   # what the controllers make of the targets
+    if laws.stepwise:                           # something is left to be run step by step
+        rollout, changed = rollout_with_laws(batch, state, laws=laws, ctrl=..., time=..., ...)
+
+Laws of the controller that see nothing but targets are run over all of these beforehand, so that
+the simulation itself runs natively where there are no others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw, LawBank, Step
+from walkerkit.gap.simulation.drive_forces import DRIVE_FIELDS, DriveForces
+from walkerkit.gap.simulation.robot import Joint
+from walkerkit.gap.simulation.trials import Trials
+
+FloatArray = NDArray[np.float64]
+Numbers = dict[str, FloatArray]
+
+
+class Laws:
+    """Laws and drives of some joints, in n_variants · n_segments simulations.
+
+    Args:
+        model: the model.
+        joints: the joints.
+        fields: model fields of which each variant has its own, (n_variants, *shape).
+        trials: the variants.
+        n_segments: segments of each.
+
+    Attributes:
+        joints: the joints.
+        forces: their drives.
+        of_targets: the laws that are run beforehand, each with its parameters.
+        stepwise: the others.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        joints: Sequence[Joint],
+        fields: Mapping[str, NDArray[Any]],
+        trials: Trials,
+        n_segments: int,
+    ):
+        self.joints = tuple(joints)
+        self.dt = float(model.opt.timestep)
+        self.shape = (trials.n * n_segments, len(joints))
+        repeated = {
+            name: np.repeat(values, n_segments, axis=0)
+            for name, values in fields.items()
+            if name in DRIVE_FIELDS
+        }
+        self.forces = DriveForces(model, joints, repeated, self.shape[0])
+        names = [joint.name for joint in joints]
+        found: dict[type[DrivetrainLaw], Numbers] = {}
+        for (law, joint, name), values in trials.laws.items():
+            if joint in names:
+                neutral = {p: np.full(self.shape, law.neutral[p]) for p in law.neutral}
+                found.setdefault(law, neutral)[name][:, names.index(joint)] = np.repeat(
+                    values, n_segments
+                )
+        # In the order in which those of a stage act.
+        each = [(law, found[law]) for law in LAWS.values() if law in found]
+        self.of_targets = [(law, p) for law, p in each if law.targets_only]
+        self.stepwise = [(law, p) for law, p in each if not law.targets_only and law.acts(p)]
+
+    def bank(self) -> LawBank:
+        """The laws that are run step by step, with nothing to remember yet."""
+        return LawBank(self.stepwise, self.shape, self.dt)
+
+    def step(self) -> Step:
+        """A step in which nothing happens."""
+        zeros = np.zeros(self.shape)
+        return Step(
+            dt=self.dt,
+            time=np.zeros((self.shape[0], 1)),
+            q=zeros,
+            qd=zeros,
+            stiffness=self.forces.stiffness,
+            damping=self.forces.damping,
+            limit=self.forces.limit,
+            target=zeros,
+            effort=zeros,
+            extra=np.zeros(self.shape),
+            friction=np.zeros(self.shape),
+            dry=zeros,
+            held=zeros,
+            target_ahead=zeros,
+            effort_ahead=zeros,
+        )
+
+    def controlled(
+        self, ctrl: FloatArray, time: FloatArray
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """The controls that the controllers make of those that arrive.
+
+        Args:
+            ctrl: (n_sims, n_steps, nu).
+            time: (n_sims,) of the first step, by the robot's clock [s].
+
+        Returns:
+            As `ctrl`, of which it may be a copy, and (n_sims, n_steps, n_joints) what targets are
+            at the steps' beginnings over that; None where they are the same all through.
+        """
+        if not self.of_targets:
+            return ctrl, None
+        bank, step, forces = LawBank(self.of_targets, self.shape, self.dt), self.step(), self.forces
+        controls = np.array(ctrl[..., forces.ctrl].swapaxes(0, 1), order="C")
+        targets = forces.targets(controls)
+        ahead = np.zeros_like(targets)
+        for k in range(len(controls)):
+            step.time = time[:, None] + k * self.dt
+            step.target, step.target_ahead = targets[k], ahead[k]
+            bank.run("controller", step)
+            controls[k] = forces.moved(controls[k], step.target - targets[k])
+            ahead[k] = step.target_ahead
+        changed = np.array(ctrl)
+        changed[..., forces.ctrl] = controls.swapaxes(0, 1)
+        return changed, ahead.swapaxes(0, 1)
+
+    def shown(self, effort: FloatArray, ctrl: FloatArray, ahead: FloatArray) -> FloatArray:
+        """What drives report at the steps' beginnings over what they make, as `effort`.
+
+        Args:
+            effort: (n_sims, n_steps, n_joints) that they make [N·m; N].
+            ctrl: (n_sims, n_steps, nu) their controls.
+            ahead: of their targets, (n_sims, n_steps, n_joints).
+        """
+        found = np.empty_like(effort)
+        for k in range(effort.shape[1]):
+            found[:, k] = self.forces.ahead(effort[:, k], ctrl[:, k, self.forces.ctrl], ahead[:, k])
+        return found

@@ -1,0 +1,245 @@
+"""The steps of the workflow, one by one.
+
+    from walkerkit import gap
+
+    problem = gap.load("leg.xml", ["a.csv", "b.csv", "c.csv"])   # robots and recordings, checked
+    replayed = gap.replay(problem)                               # simulated beside measured
+    gap.locate(replayed)                                         # which joint, in which regime
+    fitted = gap.fit(problem, {"coulomb_friction": ["knee"]})    # a structure that is known
+    print(fitted)                                                # parameters with errors, the gap
+
+`gap.diagnose` does all of them, and finds the structure itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.errors import InputError, closest
+from walkerkit.gap.fitted import Fitted, FittedEffect
+from walkerkit.gap.recordings.manifest import load_experiments
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.report.diagnosis import Gap, Location, Trace
+from walkerkit.gap.report.estimates import estimates
+from walkerkit.gap.report.locate import locate as rank
+from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces
+from walkerkit.gap.search.fit import Fit, Progress, covariance, evaluate
+from walkerkit.gap.search.fit import fit as improve
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.screen import screen
+from walkerkit.gap.search.structure import Term, candidate_terms
+from walkerkit.gap.simulation.commands import Hold
+from walkerkit.gap.simulation.mend import mend
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.workflow import WINDOW, prepare
+
+FloatArray = NDArray[np.float64]
+
+_PASSES = 3  # of fitting and finding the numerical error again
+_ITERATIONS = 20
+_SETTLED = 0.02  # of a parameter's scale
+
+
+def load(
+    model: str | Path,
+    recordings: Sequence[str | Path | Recording] = (),
+    *,
+    held_out: Sequence[str | Path | Recording] = (),
+    window: float = WINDOW,
+    hold: Hold | None = None,
+    n_threads: int = 0,
+) -> Problem:
+    """Loads robots and recordings, checks that they fit each other, and splits the recordings.
+
+    Args:
+        model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
+        recordings: files or recordings of that model; none with a manifest.
+        held_out: which of them no fit may see; by default some are chosen.
+        window: seconds after which replays restart where joints are driven by effort.
+        hold: what the targets are between their samples; by default what the model's
+            `actuators.json` says, else they are held (`zero_order`).
+        n_threads: threads of the simulation, 0 for all cores. Results do not depend on it.
+
+    Returns:
+        What the other steps take: its `robots`, `joints`, `noise` (of each of its `channels`), and
+        the recordings that are fitted (`fit`) and held out (`held`).
+
+    Raises:
+        InputError: the model or a recording cannot be used.
+    """
+    experiments = load_experiments(model, recordings, held_out=held_out)
+    setup = prepare(experiments, window=window, n_threads=n_threads)
+    known = next((robot.hold for robot in setup.robots if robot.hold is not None), None)
+    return setup.problem(hold or known or "zero_order")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Recordings, and what robots make of their commands.
+
+    Attributes:
+        problem: what was loaded.
+        before: by `fit` and `held`, replayed by the robots as they were given.
+        after: the same by the robots that are compared with them; `before` where there are none.
+    """
+
+    problem: Problem
+    before: Mapping[str, Replayed]
+    after: Mapping[str, Replayed]
+
+    @property
+    def gap(self) -> Gap:
+        """Root-mean-square errors of the recordings that are held out."""
+        return gap_of(self.problem, self.before["held"], self.after["held"])
+
+    @property
+    def traces(self) -> tuple[Trace, ...]:
+        """Every signal of every recording over time: measured, simulated before and after."""
+        return traces(self.problem, self.before, self.after)
+
+
+def replay(problem: Problem, robots: Sequence[Robot] | None = None) -> Comparison:
+    """Simulates the recorded commands, from the measured state.
+
+    Args:
+        problem: what `load` returned.
+        robots: one for each of the problem's, such as those of a fit; by default its own.
+
+    Returns:
+        Measured and simulated signals, and the gap between them.
+
+    Raises:
+        ValueError: there are more or fewer robots than the problem has.
+    """
+    if robots is not None and len(robots) != len(problem.robots):
+        raise ValueError(
+            f"{len(robots)} robots for {len(problem.robots)} experiments; give one for each"
+        )
+    before = {half: replay_half(problem, half, problem.robots) for half in ("fit", "held")}
+    after = (
+        before
+        if robots is None
+        else {half: replay_half(problem, half, robots) for half in ("fit", "held")}
+    )
+    return Comparison(problem=problem, before=before, after=after)
+
+
+def locate(replayed: Comparison) -> tuple[Location, ...]:
+    """Says where the gap lives that the compared robots leave: which joint, in which regime.
+
+    Args:
+        replayed: what `replay` returned.
+
+    Returns:
+        Joints and regimes that hold more of the squared position gap than of the samples, the
+        largest excess first; then every joint's `everywhere`. Empty where there is no gap.
+    """
+    halves = [replayed.after[half] for half in ("fit", "held")]
+    replays = [one for half in halves for one in half.replays]
+    residuals = [residual for half in halves for residual in half.residuals()]
+    return rank(replays, residuals, replayed.problem.joints)
+
+
+def fit(
+    problem: Problem,
+    effects: Mapping[str, Sequence[str] | str],
+    *,
+    progress: Progress | None = None,
+) -> Fitted:
+    """Fits a structure that is known: named effects at given places, and nothing else.
+
+    Args:
+        problem: what `load` returned.
+        effects: name of each effect to the joints or bodies that have it, each with values of its
+            own; `"*"` for everywhere that it can act, with one value for all where one cause
+            usually acts on all joints (a bus, a filter).
+        progress: called with what is being done and how far it is.
+
+    Returns:
+        The parameters with their standard errors, the gap before and after, the mended robots.
+
+    Raises:
+        InputError: an effect is not in the catalogue, or cannot act where it is to act.
+    """
+    objective = problem.fit.objective
+    (found,) = evaluate(objective, [(problem.nothing, np.zeros(0))])
+    left = [_term(problem, name, sites) for name, sites in effects.items()]
+    while left:
+        if progress:
+            progress("screening", 1 - len(left) / len(effects))
+        _refine(problem, found)
+        (found,) = evaluate(objective, [(found.structure, found.values)])
+        # What explains most comes first: the start of the others is then judged beside it.
+        tried = improve(objective, screen(objective, found, left), iterations=2)
+        best = int(np.argmin([one.score for one in tried]))
+        (found,) = improve(objective, [tried[best]], progress=progress)
+        del left[best]
+    found = _settled(problem, found, progress)
+    robots = tuple(
+        mend(found.structure.trials(robot, found.values[None])) for robot in problem.robots
+    )
+    nothing = np.zeros((0, 0)), np.zeros(0)
+    variance, sensitivity = covariance(objective, found) if effects else nothing
+    compared = replay(problem, robots)
+    order = list(effects)
+    terms = sorted(found.structure.terms, key=lambda term: order.index(term.effect.name))
+    return Fitted(
+        effects=tuple(
+            FittedEffect(
+                effect=term.effect.name,
+                places=term.places,
+                parameters=estimates(found, term, variance, sensitivity),
+            )
+            for term in terms
+        ),
+        gap=compared.gap,
+        robots=robots,
+        problem=problem,
+        fit=found,
+    )
+
+
+def _term(problem: Problem, name: str, sites: Sequence[str] | str) -> Term:
+    if name not in CATALOGUE:
+        raise InputError(
+            f"effect {name!r} is not in the catalogue{closest(name, CATALOGUE)}: "
+            f"{', '.join(CATALOGUE)}."
+        )
+    possible = candidate_terms([CATALOGUE[name]], problem.robots, problem.joints)
+    everywhere = possible[0].sites if possible else ()
+    wanted = (sites,) if isinstance(sites, str) else tuple(sites)
+    if wanted == (EVERYWHERE,) and possible:
+        return possible[0]
+    for site in wanted:
+        if site not in everywhere:
+            where = ", ".join(map(repr, everywhere)) or "nowhere on this robot"
+            raise InputError(
+                f"{name} cannot act at {site!r}{closest(site, everywhere)}; it can at {where}."
+            )
+    if len(set(wanted)) < max(1, len(wanted)):
+        raise InputError(f"{name}: its places are {list(wanted)}; name one at least, each once.")
+    return Term(effect=CATALOGUE[name], sites=wanted)
+
+
+def _settled(problem: Problem, found: Fit, progress: Progress | None) -> Fit:
+    """The fit in the light of its own numerical error."""
+    objective = problem.fit.objective
+    for _ in range(_PASSES):
+        before = found.values
+        _refine(problem, found)
+        (start,) = evaluate(objective, [(found.structure, before)])
+        (found,) = improve(objective, [start], iterations=_ITERATIONS, progress=progress)
+        if not (np.abs(found.values - before) > _SETTLED * found.structure.scale).any():
+            break
+    return found
+
+
+def _refine(problem: Problem, found: Fit) -> None:
+    for half in (problem.fit, problem.held):
+        half.refine(found)

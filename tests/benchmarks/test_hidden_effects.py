@@ -1,0 +1,57 @@
+"""A slice of the benchmark: short experiments on one joint, and a catalogue of a few effects."""
+
+import pytest
+
+from benchmarks import hidden_effects
+from benchmarks.hidden.cases import Case, cases
+from benchmarks.hidden.outcome import Outcome
+from benchmarks.hidden.running import run_case
+from benchmarks.hidden.scoring import admits, covered, false_alarm, first_right, place_right, ratios
+
+FEW = ("viscous_friction", "coulomb_friction", "torque_bias", "armature", "command_delay")
+SHORTER = 3.0  # 4 s each
+
+
+def slice_of(**kind):
+    case = Case(tier="slice", number=0, rig="pendulum", channels="q+qd+tau", **kind)
+    return run_case(case, effects=FEW, shorter=SHORTER)
+
+
+def test_a_hidden_effect_is_named_where_it_is():
+    outcome = slice_of(hide=("torque_bias",))
+    assert first_right(outcome)
+    assert place_right(outcome)
+    assert len(covered([outcome])) == 1
+    assert ratios([outcome]) == [pytest.approx(1.0, abs=0.1)]
+    assert outcome.after < 0.5 * outcome.before
+    assert Outcome.from_json(outcome.to_json()) == outcome
+
+
+def test_nothing_is_named_where_nothing_is_hidden():
+    outcome = slice_of(off="substeps")
+    assert outcome.verdict == "no_gap"
+    assert not false_alarm(outcome)
+
+
+def test_what_is_taken_out_of_the_catalogue_is_missed():
+    outcome = slice_of(hide=("torque_bias",), removed=True)
+    assert "torque_bias" not in {named.effect for named in outcome.named}
+    assert outcome.oracle is None
+    assert admits(outcome)
+
+
+def test_cases_that_are_in_the_file_are_not_run_again(tmp_path):
+    out = tmp_path / "some.jsonl"
+    known = [
+        Outcome(case=case.name, tier=case.tier, off="", verdict="no_gap", hidden=(), named=())
+        for case in cases("nothing", 3)
+    ]
+    out.write_text("".join(outcome.to_json() + "\n" for outcome in known))
+    assert list(hidden_effects.outcomes(cases("nothing", 3), out=out)) == known
+    assert len(out.read_text().splitlines()) == 3
+
+
+def test_a_quick_run_is_a_part_of_every_kind():
+    chosen = {tier: cases(tier, count) for tier, count in hidden_effects.QUICK.items()}
+    assert set(chosen) <= set(hidden_effects.TIERS)
+    assert all(chosen.values())

@@ -1,0 +1,129 @@
+"""Equivalences: the logs are the same where the table says so, and differ where it does not."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.effects.equivalences import _TABLE, equivalences
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.trials import Trials
+
+ARM = """
+<mujoco><compiler angle="radian"/><option timestep="0.0005" integrator="implicitfast"/>
+<worldbody><body name="arm"><joint name="knee" {joint}/>
+  <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.6"/></body></worldbody>
+<actuator><position name="k" joint="knee" kp="30" kv="{kv}"/></actuator></mujoco>
+"""
+SWINGING = 'axis="0 1 0" armature="0.01" damping="0.3"'
+LEVEL = 'axis="0 0 1" armature="0.01" damping="0.3"'
+CHANNELS = tuple(Channel(joint="knee", signal=s) for s in ("position", "velocity", "effort"))
+TURN = 0.1
+TURNED = (0.15 * np.sin(TURN), 0.15 * (1 - np.cos(TURN)))  # x and z of the centre of mass
+# Per pair: the joint, the drive's damping, and the values that make the same log.
+CASES = {
+    ("command_delay", "sensor_delay"): (SWINGING, 1, (0.01,), (0.01,)),
+    ("viscous_friction", "velocity_gain"): (SWINGING, 1, (0.4,), (0.4,)),
+    ("position_gain", "torque_constant"): (SWINGING, 0, (6.0,), (0.2,)),
+    ("encoder_offset", "base_tilt"): (SWINGING, 1, (TURN,), (0.0, TURN)),
+    ("com_offset", "encoder_offset"): (SWINGING, 1, TURNED, (TURN,)),
+    ("com_offset", "base_tilt"): (SWINGING, 1, TURNED, (0.0, TURN)),
+    ("encoder_gain", "torque_constant"): (LEVEL, 1, (0.2,), (0.2,)),
+    ("torque_bias", "asymmetric_friction"): (
+        SWINGING + ' frictionloss="0.5"',
+        1,
+        (-0.3,),
+        (0.3, -0.3),
+    ),
+    # The mass is 0.2 m from the axis.
+    ("armature", "payload"): (
+        LEVEL.replace('"0 0 1"', '"0 0 1" pos="0.2 0 0"'),
+        1,
+        (0.3 * 0.2**2,),
+        (0.3,),
+    ),
+}
+
+
+def arm(joint=SWINGING, kv=1):
+    return robot_from_spec(mujoco.MjSpec.from_string(ARM.format(joint=joint, kv=kv)), "arm.xml")
+
+
+def logs(robot, effect, values):
+    """What a planted effect leaves in the log, (rows, channels): position, velocity, effort."""
+    time = np.arange(0.0, 3.0, 0.002)
+    target = 0.4 * np.sin(4 * time + time**2) * (time > 0.3)
+    columns = {"knee/position": 0 * time, "knee/position_target": target}
+    log = Recording(name="log", time=time, columns=columns)
+    replay = Replay(robot, whole(log), CHANNELS, n_threads=1)
+    trials = Trials(robot, 1)
+    if effect:
+        site = CATALOGUE[effect].sites(robot, ["knee"])[0]
+        CATALOGUE[effect].apply(trials, site, np.array([values]))
+    # Gravity pulls at once, also on a robot that is said to rest where it would not.
+    return replay.predict(trials)[0][time > 1.5]
+
+
+@pytest.mark.parametrize("pair", CASES, ids=" ".join)
+def test_equivalent_effects_leave_the_same_log(pair):
+    joint, kv, *values = CASES[pair]
+    robot = arm(joint, kv)
+    plain = logs(robot, None, ())
+    first, second = (logs(robot, effect, v) for effect, v in zip(pair, values, strict=True))
+    size = np.sqrt(np.mean((first - plain) ** 2, axis=0))
+    difference = np.sqrt(np.mean((first - second) ** 2, axis=0)) / np.maximum(size, 1e-9)
+    (entry,) = (entry for entry in _TABLE if entry.effects == pair and entry.beside is None)
+    for channel, apart in zip(CHANNELS, difference, strict=True):
+        if channel.signal in entry.parted_by:
+            assert apart > 0.2, channel
+        else:
+            assert apart < 0.02, channel
+    signals = [c.signal for c in CHANNELS if c.signal not in entry.parted_by]
+    for one, other in (pair, pair[::-1]):
+        found = equivalences(one, signals, robot=robot, joints=("knee",))
+        assert found[other] == entry.reason
+        if entry.parted_by:
+            assert other not in equivalences(one, ("position", "effort"), robot=robot)
+
+
+def test_every_entry_whose_effects_exist_is_simulated():
+    wanted = {e.effects for e in _TABLE if set(e.effects) <= set(CATALOGUE) and e.beside is None}
+    assert wanted <= set(CASES)
+
+
+def test_without_a_robot_what_holds_on_most():
+    assert set(equivalences("sensor_delay", ["position"])) == {"command_delay"}
+    assert set(equivalences("viscous_friction", ["position", "velocity"])) == {"velocity_gain"}
+    assert equivalences("viscous_friction", ["position", "effort"]) == {}
+    assert equivalences("position_gain", ["position"]) == {}
+
+
+def test_a_special_robot_is_needed():
+    assert "torque_constant" in equivalences("position_gain", ["position"], robot=arm(kv=0))
+    assert equivalences("position_gain", ["position"], robot=arm(kv=1)) == {}
+    assert equivalences("armature", ["position"], robot=arm()) == {}
+    assert equivalences("encoder_offset", ["position"], robot=arm(LEVEL)) == {}
+
+
+def test_a_delay_of_one_joint_of_several_is_not_a_late_log(plain):
+    robot, _ = plain
+    assert equivalences("command_delay", ["position"], robot=robot, joints=("knee",)) == {}
+    shared = equivalences("command_delay", ["position"], robot=robot, joints=("*",))
+    assert set(shared) == {"sensor_delay"}
+
+
+def test_only_the_joint_that_carries_all_turns_the_robot_as_a_tilted_base(plain):
+    robot, _ = plain
+    found = {j: equivalences("encoder_offset", [], robot=robot, joints=(j,)) for j in robot.joints}
+    assert set(found["hip"]) == {"base_tilt"}
+    assert found["knee"] == {}
+    assert equivalences("base_tilt", [], robot=robot, joints=("*",)) == {}
+
+
+def test_a_bias_beside_dry_friction_is_friction_of_two_sizes():
+    assert equivalences("torque_bias", ["position", "effort"]) == {}
+    beside = equivalences("torque_bias", ["position", "effort"], beside=["coulomb_friction"])
+    assert set(beside) == {"asymmetric_friction"}

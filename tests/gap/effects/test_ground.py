@@ -1,0 +1,161 @@
+"""What a table stands on, under which a leg swings: it slides, sinks and rocks."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from tests.gap.effects.contract import EffectContract
+from tests.gap.effects.machine import AWKWARD, JOINTS, PLAIN, Machine, replay_of
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.simulation.excursion import excursions
+from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.trials import Trials
+
+NOISES_LEFT = 8.0  # windows of a base that floats restart with an error that lasts
+FEET = ((0.4, 0.3), (0.4, -0.3), (-0.4, 0.3), (-0.4, -0.3))
+TABLE = """
+<mujoco><compiler angle="{angle}"/><option timestep="0.002" integrator="implicitfast"/>
+<worldbody><geom name="floor" type="plane" size="0 0 1" {floor}/>
+<body name="table" pos="0 0 0.7"><freejoint name="root"/>
+  <geom type="box" size="0.4 0.3 0.02" mass="8" contype="0" conaffinity="0"/>{feet}
+<body name="thigh"><joint name="hip" axis="1 0 0" damping="0.2" armature="0.01" {hip}/>
+  <geom type="capsule" fromto="0 0 0 0.05 0 -0.3" size="0.03" mass="1"/>
+  <body name="shank" pos="0 0 -0.3"><joint name="knee" axis="0 1 0" damping="0.1" {knee}/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.5"/></body></body></body>
+</worldbody><contact>{contact}</contact><actuator>{actuators}</actuator></mujoco>
+"""
+FOOT = '<geom name="foot{k}" size="0.02" pos="{x} {y} -0.68" mass="0.2" friction="{mu}" {more}/>'
+
+
+def table_of(variant, floor, mu, more=("", "", "", ""), contact=""):
+    feet = "".join(FOOT.format(k=k, x=x, y=y, mu=mu, more=more[k]) for k, (x, y) in enumerate(FEET))
+    text = TABLE.format(floor=floor, feet=feet, contact=contact, **variant)
+    robot = robot_from_spec(mujoco.MjSpec.from_string(text), "table.xml")
+    recording = Machine(robot).log()
+    return replace(robot, excursions=excursions(robot, [recording], JOINTS)), recording
+
+
+def slippery():
+    return table_of(PLAIN, 'friction="0.1"', 0.05)
+
+
+def awkward_table(mu):
+    """Every way in which MuJoCo lets a contact get its numbers, one a foot."""
+    more = ('priority="1"', 'solref="-9000 -160"', "", 'contype="2" conaffinity="2"')
+    sliding = f"{0.9 * mu} {0.8 * mu}"
+    pair = f'<pair geom1="foot3" geom2="floor" friction="{sliding} 0.005 0.0001 0.0001"/>'
+    return table_of(AWKWARD, f'friction="{0.7 * mu}" solmix="3"', mu, more, pair)
+
+
+class TestGroundFriction(EffectContract):
+    name = "ground_friction"
+    seconds = 8.0
+    noises_left = NOISES_LEFT
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def plain(cls):
+        return slippery()
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def awkward(cls):
+        return awkward_table(0.1)
+
+    def plant(self, machine):
+        # Priority alone decides, whatever the feet say.
+        floor = machine.model.geom("floor")
+        floor.priority = 7
+        floor.friction[0] = 0.045
+        return {EVERYWHERE: [-0.055]}
+
+
+class TestGroundCompliance(EffectContract):
+    name = "ground_compliance"
+    noises_left = NOISES_LEFT
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def plain(cls):
+        return table_of(PLAIN, 'friction="0.8"', 0.8)
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def awkward(cls):
+        return awkward_table(0.8)
+
+    def plant(self, machine):
+        # In MuJoCo's other format: the stiffness and damping of 1/12 s at a ratio of 1.
+        model = machine.model
+        model.geom("floor").priority = 7
+        model.geom("floor").solref = (-144.0, -24.0)
+        return {EVERYWHERE: [1 / 12 - 0.02]}
+
+
+@pytest.mark.parametrize("make", [slippery, lambda: awkward_table(0.1)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("ground_friction", -0.03), ("ground_compliance", 0.03)]
+)
+def test_every_contact_changes_by_just_that(name, value, make):
+    robot, _ = make()
+    trials = Trials(robot, 1)
+    CATALOGUE[name].apply(trials, EVERYWHERE, np.array([[value]]))
+    seen = []
+    for fields in ({}, trials.fields):
+        model = robot.spec.copy().compile()
+        for field, values in fields.items():
+            getattr(model, field)[:] = values[0]
+        data = mujoco.MjData(model)
+        data.qpos[2] -= 0.001
+        mujoco.mj_forward(model, data)
+        feet = sorted(range(data.ncon), key=lambda k: tuple(data.contact.geom[k]))
+        assert len(feet) == 4
+        solref = data.contact.solref[feet]
+        constant = np.where(solref[:, 0] > 0, solref[:, 0], -2 / solref[:, 1])
+        sliding = data.contact.friction[feet, :2].ravel()
+        seen.append(sliding if name == "ground_friction" else constant)
+    np.testing.assert_allclose(seen[1] - seen[0], value, atol=1e-12)
+
+
+def test_only_what_can_touch_the_ground_is_ground():
+    def ground(world="", inside="", contact=""):
+        return Ground(
+            mujoco.MjModel.from_xml_string(
+                f"<mujoco><worldbody>{world}<body name='b'><freejoint/>"
+                f"<geom name='foot' size='.1'/>{inside}</body></worldbody>"
+                f"<contact>{contact}</contact></mujoco>"
+            )
+        )
+
+    floor = "<geom name='floor' type='plane' size='0 0 1' {}/>"
+    assert not ground()
+    assert not ground(floor.format("contype='0' conaffinity='0'"))
+    assert not ground(
+        "<body name='w'>" + floor.format("") + "</body>", "", "<exclude body1='w' body2='b'/>"
+    )
+    found = ground(floor.format("contype='0'"), "<geom size='.1' contype='2' conaffinity='2'/>")
+    np.testing.assert_array_equal(found.contacts, [[0, 1]])
+    pair = "<pair geom1='foot' geom2='floor'/>"
+    found = ground(floor.format("contype='0' conaffinity='0'"), "", pair)
+    assert found
+    assert not found.geoms.size
+    np.testing.assert_array_equal(found.pairs, [0])
+
+
+@pytest.mark.parametrize("name", ["ground_friction", "ground_compliance"])
+def test_what_touches_nothing_has_no_ground(name):
+    text = TABLE.format(floor='contype="0" conaffinity="0"', feet="", contact="", **PLAIN)
+    text = text.replace('<freejoint name="root"/>', "")
+    robot = robot_from_spec(mujoco.MjSpec.from_string(text), "bench.xml")
+    assert CATALOGUE[name].sites(robot, JOINTS) == ()
+
+
+def test_a_trunk_that_floats_may_carry_a_payload():
+    robot, recording = slippery()
+    sites = CATALOGUE["payload"].sites(robot, JOINTS)
+    assert sites == ("table", "thigh", "shank")
+    assert CATALOGUE["com_offset"].sites(robot, JOINTS) == sites
+    assert "base_position" in {channel.quantity for channel in replay_of(robot, recording).channels}

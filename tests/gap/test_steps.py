@@ -1,0 +1,174 @@
+"""The steps one by one, and what a result can be made into, on one joint."""
+
+import mujoco
+import numpy as np
+import pytest
+from dm_control import composer
+
+from tests.gap.simulation.follow import Follow
+from walkerkit import gap
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.rehearsal.rehearse import rehearse
+from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.trials import Trials
+
+JOINT = "shaft"
+BENCH = """
+<mujoco><compiler angle="radian"/><option timestep="0.001" integrator="implicitfast"/>
+  <worldbody><body name="arm"><joint name="shaft" axis="0 1 0" range="-1.6 1.6" damping="0.05"
+    armature="0.005"/><geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.4"/></body>
+  </worldbody><actuator><position joint="shaft" kp="20" kv="0.6"/></actuator></mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    path = tmp_path_factory.mktemp("bench") / "bench.xml"
+    path.write_text(BENCH, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def rehearsal(bench):
+    return rehearse(bench, ["coulomb_friction"], seed=1, seconds=2.5)
+
+
+@pytest.fixture(scope="module")
+def problem(bench, rehearsal):
+    return gap.load(bench, rehearsal.recordings)
+
+
+@pytest.fixture(scope="module")
+def fitted(problem):
+    return gap.fit(problem, {"coulomb_friction": [JOINT]})
+
+
+@pytest.fixture(scope="module")
+def diagnosed(bench, rehearsal):
+    effects = ["coulomb_friction", "viscous_friction"]
+    return gap.diagnose(bench, rehearsal.recordings, effects=effects)
+
+
+class TestReplay:
+    def test_is_what_compare_measures(self, bench, rehearsal, problem):
+        compared = gap.compare(bench, rehearsal.recordings)
+        replayed = gap.replay(problem)
+        assert replayed.gap == compared.gap
+        assert gap.locate(replayed) == compared.locations
+        for trace, other in zip(replayed.traces, compared.traces, strict=True):
+            np.testing.assert_array_equal(trace.after, other.before)
+
+    def test_of_mended_robots_shows_what_they_leave(self, problem, fitted):
+        replayed = gap.replay(problem, fitted.robots)
+        assert replayed.gap == fitted.gap
+        assert fitted.gap.position.after < 0.4 * fitted.gap.position.before
+        left, before = gap.locate(replayed), gap.locate(gap.replay(problem))
+        assert left != before
+
+    def test_takes_one_robot_per_experiment(self, problem):
+        with pytest.raises(ValueError, match="2 robots for 1 experiments"):
+            gap.replay(problem, [problem.robots[0]] * 2)
+
+
+class TestFit:
+    def test_recovers_what_is_hidden(self, bench, rehearsal, fitted):
+        (hidden,) = rehearsal.hidden
+        true = hidden.values[f"{JOINT}/frictionloss"]
+        own = mujoco.MjModel.from_xml_path(str(bench)).dof_frictionloss[0]
+        assert fitted.value("coulomb_friction", "frictionloss") == pytest.approx(true, rel=0.05)
+        assert fitted.model.dof_frictionloss[0] == pytest.approx(own + true, rel=0.05)
+
+    def test_says_so_in_a_table(self, fitted):
+        first, *_ = str(fitted).splitlines()
+        assert first.startswith("The position error on held-out recordings is ")
+        row = next(line for line in str(fitted).splitlines() if "frictionloss" in line)
+        assert row.split()[:3] == ["coulomb_friction", JOINT, "frictionloss"]
+        assert "±" in row
+
+    def test_effects_stay_in_the_order_in_which_they_are_given(self, problem):
+        found = gap.fit(problem, {"viscous_friction": "*", "coulomb_friction": "*"})
+        assert [one.effect for one in found.effects] == ["viscous_friction", "coulomb_friction"]
+        viscous = found.effects[0].parameters[0]
+        assert abs(viscous.value) < max(3 * viscous.std, 0.05)
+
+    def test_of_nothing_leaves_the_gap(self, problem):
+        found = gap.fit(problem, {})
+        assert found.effects == ()
+        assert found.gap.position.after == found.gap.position.before
+
+    @pytest.mark.parametrize(
+        ("effects", "message"),
+        [
+            ({"coulomb": [JOINT]}, "did you mean 'coulomb_friction'"),
+            ({"coulomb_friction": ["shaf"]}, f"did you mean '{JOINT}'"),
+            ({"coulomb_friction": []}, "name one at least"),
+            ({"coulomb_friction": [JOINT, JOINT]}, "each once"),
+        ],
+    )
+    def test_names_that_there_are_not(self, problem, effects, message):
+        with pytest.raises(InputError, match=message):
+            gap.fit(problem, effects)
+
+    def test_a_number_that_there_is_not(self, fitted):
+        with pytest.raises(KeyError, match="is 0 of the parameters"):
+            fitted.value("armature", "armature")
+
+
+class TestResult:
+    def test_prints_itself(self, diagnosed):
+        assert str(diagnosed).startswith(("Explained", "Partly explained"))
+
+    def test_has_the_mended_model(self, bench, diagnosed):
+        (named,) = diagnosed.diagnosis.effects
+        given = mujoco.MjModel.from_xml_path(str(bench))
+        added = diagnosed.model.dof_frictionloss[0] - given.dof_frictionloss[0]
+        assert added == pytest.approx(named.parameters[0].value)
+
+    def test_writes_the_report_alone(self, diagnosed, tmp_path):
+        path = diagnosed.report(tmp_path / "alone.html")
+        assert "coulomb_friction" in path.read_text(encoding="utf-8")
+        assert list(tmp_path.iterdir()) == [path]
+
+    def test_walker_moves_as_the_replay_of_the_mended_robot(self, diagnosed, rehearsal):
+        recording = rehearsal.recordings[0]
+        (robot,) = diagnosed.robots
+        step, rows = robot.model.opt.timestep, 500
+        channel = Channel(joint=JOINT, signal="position")
+        replay = Replay(robot, whole(recording), [channel], hold="zero_order")
+        predicted = replay.predict(Trials(robot, 1))[0, :, 0]
+        # The log's targets at the physics' own steps, each held until the next one.
+        time = step * np.arange(rows)
+        latest = np.searchsorted(recording.time, time + recording.time[0] + 1e-9, side="right") - 1
+        targets = recording.columns[f"{JOINT}/position_target"][latest][:, None]
+        walker = diagnosed.walker(name="bench")
+        task = Follow(walker, targets, step)
+        environment = composer.Environment(task, random_state=0, legacy_step=False)
+        environment.reset()
+        joints = environment.physics.bind(walker.observable_joints)
+        first = replay._groups[0].states[id(recording)]
+        joints.qpos, joints.qvel = (values[0, 0] for values in first.at(recording.time[:1]))
+        path = [float(joints.qpos[0])]
+        for _ in range(rows - 1):
+            environment.step(np.zeros(1))
+            path.append(float(joints.qpos[0]))
+        expected = np.interp(time, recording.time - recording.time[0], predicted)
+        moved = np.ptp(predicted[: round(rows * step / np.diff(recording.time).mean())])
+        np.testing.assert_allclose(path, expected, atol=1e-6 + 1e-3 * moved)
+
+    def test_several_models_are_taken_one_by_one(self, tmp_path, rehearsal):
+        for number, recording in enumerate(rehearsal.recordings):
+            recording.save(tmp_path / f"{number}.csv")
+        for name in ("light", "heavy"):
+            (tmp_path / f"{name}.xml").write_text(BENCH, encoding="utf-8")
+        manifest = tmp_path / "experiments.toml"
+        manifest.write_text(
+            '[[experiment]]\nmodel = "light.xml"\nrecordings = ["0.csv"]\nheld_out = ["1.csv"]\n'
+            '[[experiment]]\nmodel = "heavy.xml"\nrecordings = ["2.csv"]\n',
+            encoding="utf-8",
+        )
+        found = gap.fit(gap.load(manifest), {"coulomb_friction": "*"})
+        assert list(found.mended) == ["light", "heavy"]
+        assert found.mended["heavy"].model.dof_frictionloss[0] > 0
+        with pytest.raises(ValueError, match=r"mended\['light'\]\.model"):
+            assert found.model
