@@ -163,7 +163,9 @@ def _home_feet() -> FloatArray:
     x = -_LINK * (np.sin(thigh) + np.sin(thigh + calf))
     z = -_LINK * (np.cos(thigh) + np.cos(thigh + calf))
     hips = _hips()
-    feet: FloatArray = hips + np.stack([np.full(4, x), _OFFSET * np.sign(hips[:, 1]), np.full(4, z)], axis=1)
+    feet: FloatArray = hips + np.stack(
+        [np.full(4, x), _OFFSET * np.sign(hips[:, 1]), np.full(4, z)], axis=1
+    )
     return feet
 
 
