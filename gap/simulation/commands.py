@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 Hold = Literal["zero_order", "linear"]
 
 _KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
-_SAME_INSTANT = 1e-9  # s; a sample at a step's own instant counts, whatever the rounding
+_NEAREST = 0.499  # of a step; stamps halfway between two steps always belong to the later one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,14 +83,20 @@ def driven_by_effort(robot: Robot, recording: Recording) -> bool:
     return any(name not in servoed for name in recording.joints)
 
 
-def between_samples(recording: Recording, column: str, time: FloatArray, hold: Hold) -> FloatArray:
+def between_samples(
+    recording: Recording, column: str, time: FloatArray, hold: Hold, step: float
+) -> FloatArray:
     """A target at some instants.
+
+    A held target changes at the step nearest to its stamp: a stamp that jitters around a step's own
+    instant must not move it by a whole step, nor a clock of another rate make it late on average.
 
     Args:
         recording: the log.
         column: name of a column.
-        time: (n,) instants [s].
-        hold: `zero_order` for the last sample at or before each, or `linear`.
+        time: (n,) instants of steps [s].
+        hold: `zero_order` for the last sample before each, or `linear`.
+        step: the steps' length [s].
 
     Returns:
         (n,) values.
@@ -100,5 +106,5 @@ def between_samples(recording: Recording, column: str, time: FloatArray, hold: H
     values = recording.columns[column]
     if hold == "linear":
         return np.interp(time, recording.time, values)
-    index = np.searchsorted(recording.time, time + _SAME_INSTANT, side="right") - 1
+    index = np.searchsorted(recording.time, time + _NEAREST * step, side="right") - 1
     return values[np.maximum(index, 0)]

@@ -108,7 +108,8 @@ class _Group:
         return qpos, qvel, qacc
 
     def _fill(self, s: int, segment: Segment, route: Route, time: FloatArray) -> None:
-        values = between_samples(segment.recording, route.column, time, self.hold)
+        step = self.robot.model.opt.timestep
+        values = between_samples(segment.recording, route.column, time, self.hold, step)
         if route.drive is None:
             self.applied[s, :, route.joint.dof] += values
         else:

@@ -84,7 +84,7 @@ def _errors(
     targets = np.zeros((n, len(offsets)))
     for route in routes(robot, recording):
         times = (start[:, None] + offsets).ravel()
-        values = between_samples(recording, route.column, times, problem.hold).reshape(n, -1)
+        values = between_samples(recording, route.column, times, problem.hold, step).reshape(n, -1)
         if route.drive is None:
             applied[..., route.joint.dof] += values
         elif route.joint.name == joint:

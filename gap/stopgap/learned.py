@@ -154,7 +154,8 @@ def _signals(problem: Problem, robot: Robot, joint: str, recording: Recording, l
     step = robot.model.opt.timestep
     time = np.arange(recording.time[0], recording.time[-1], step)
     qpos, qvel = MeasuredState(recording, [joint]).at(time)
-    target = between_samples(recording, f"{joint}/position_target", time - lag * step, problem.hold)
+    at = time - lag * step
+    target = between_samples(recording, f"{joint}/position_target", at, problem.hold, step)
     measured = robot.measured(joint)
     logged = np.interp(time, recording.time, recording.columns[f"{joint}/effort"])
     reported = (logged - measured.effort_offset) / measured.effort_scale

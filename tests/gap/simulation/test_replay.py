@@ -51,11 +51,11 @@ def irregular(n=300, seed=0):
     return np.cumsum(0.004 * np.random.default_rng(seed).uniform(0.4, 1.6, n)) + 12.3
 
 
-def held(recording, column, instants):
-    """The last sample at or before each instant, the first before all; one by one."""
+def held(recording, column, instants, step=STEP):
+    """The sample of each step: the last whose nearest step has come, the first before all."""
     values, found = recording.columns[column], []
     for t in np.ravel(instants):
-        earlier = [v for s, v in zip(recording.time, values, strict=True) if s <= t + 1e-9]
+        earlier = [v for s, v in zip(recording.time, values, strict=True) if s < t + 0.4995 * step]
         found.append(earlier[-1] if earlier else values[0])
     return np.array(found)
 
@@ -548,10 +548,11 @@ class TestCommands:
         at = np.sort(np.r_[time[0] - 1, time, 0.5 * (time[1:] + time[:-1]), time[-1] + 1])
         column = "hip/position_target"
         np.testing.assert_array_equal(
-            between_samples(recording, column, at, "zero_order"), held(recording, column, at)
+            between_samples(recording, column, at, "zero_order", 1e-3),
+            held(recording, column, at, 1e-3),
         )
         np.testing.assert_allclose(
-            between_samples(recording, column, at, "linear"),
+            between_samples(recording, column, at, "linear", 1e-3),
             np.interp(at, time, recording.columns[column]),
         )
 
@@ -559,7 +560,16 @@ class TestCommands:
         recording = log(0.1 * np.arange(8))
         at = 0.7 - 0.1 * np.arange(8)[::-1]
         np.testing.assert_array_equal(
-            between_samples(recording, "hip/position_target", at, "zero_order"),
+            between_samples(recording, "hip/position_target", at, "zero_order", 0.1),
+            recording.columns["hip/position_target"],
+        )
+
+    def test_stamps_that_jitter_do_not_move_a_target_to_another_step(self):
+        rng = np.random.default_rng(0)
+        even = 0.01 * np.arange(50)
+        recording = log(even + 0.003 * rng.uniform(-1, 1, 50))
+        np.testing.assert_array_equal(
+            between_samples(recording, "hip/position_target", even, "zero_order", 0.01),
             recording.columns["hip/position_target"],
         )
 
