@@ -34,7 +34,7 @@ _Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and
 MOST_EFFECTS = 6
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
 _MOST_OF_THE_GAP = 0.5  # of the score: gaps that shrink to six tenths
-_FAR_ABOVE = 10.0  # of the noise
+_FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.01  # of the noise, and of how far a joint moves
 _REFITS = 4
 _PASSES = 2  # of fitting and finding the numerical error again
 _SETTLED = 0.05  # of a parameter's scale
@@ -160,8 +160,9 @@ class _Search:
     def _simulated_well(self, nothing: Fit) -> Fit:
         """The robot as it is, or in a simulation that is good enough for these recordings.
 
-        The numerical error is taken out of every comparison. Where it is most of the gap and far
-        above the noise, it is an effect of its own, and the model is to be simulated otherwise.
+        The numerical error is taken out of every comparison. Where it is most of the gap, far above
+        the noise and a part of the motion that matters, it is an effect of its own, and the model
+        is to be simulated otherwise.
         """
         problem = self._problem
         terms = [
@@ -171,6 +172,9 @@ class _Search:
         ]
         objective = problem.held.objective
         before = objective.as_it_is([_case(nothing)])[0][0]
+        motion = np.nanstd(objective.measured, axis=0)
+        of_position = np.array([channel.signal == "position" for channel in objective.channels])
+        least = np.maximum(_FAR_ABOVE * problem.noise, _OF_THE_MOTION * motion)
         best = nothing
         for term in terms:
             structure = nothing.structure.with_term(term)
@@ -180,7 +184,7 @@ class _Search:
             k = int(np.argmin(objective.score(tried)))
             gained = np.sqrt(np.maximum(before - tried[k], 0.0))
             gain = float(objective.score(before) - objective.score(tried[k]))
-            if gain > _MOST_OF_THE_GAP and (gained > _FAR_ABOVE * problem.noise).any():
+            if gain > _MOST_OF_THE_GAP and (gained > least)[of_position].any():
                 (best,) = evaluate(problem.fit.objective, [(structure, values[k])])
         return best
 

@@ -14,6 +14,7 @@ are as stiff as it can (√(K/I) = 1/h, I the inertia of rotor against link).
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.simulation.base import find_base
 from walkerkit.gap.simulation.robot import Joint, Play, Robot, scalar_joints
 from walkerkit.gap.simulation.start import rest
-from walkerkit.gap.simulation.trials import Trials
+from walkerkit.gap.simulation.trials import Trials, model_field
 
 FloatArray = NDArray[np.float64]
 
@@ -199,7 +200,7 @@ def stiffest(step: float, inertia: Number) -> Number:
 
 
 def loads(
-    robot: Robot,
+    trials: Trials,
     played: Sequence[Joint],
     joints: Sequence[Joint],
     state: Sequence[FloatArray],
@@ -211,16 +212,39 @@ def loads(
     forces that nobody knows, it is what the motors make.
 
     Args:
-        robot: the robot.
+        trials: the variants.
         played: joints with play.
         joints: joints that are measured.
         state: their positions, velocities and accelerations, (n_segments, n_joints) each.
         driven: controls (n_segments, nu) and efforts applied beside them (n_segments, nv).
 
     Returns:
-        (n_segments, n_played) efforts [N·m; N].
+        (n, n_segments, n_played) efforts [N·m; N].
     """
-    model = robot.model
+    known: dict[bytes, FloatArray] = {}
+    found = []
+    for row in range(trials.n):
+        own = {name: values[row] for name, values in trials.fields.items()}
+        key = b"".join(values.tobytes() for values in own.values())
+        if key not in known:
+            model = copy.copy(trials.robot.model)
+            for name, value in own.items():
+                model_field(model, name)[...] = value
+            floats = trials.robot.base is not None
+            known[key] = _loads(model, floats, played, joints, state, driven)
+        found.append(known[key])
+    return np.stack(found)
+
+
+def _loads(
+    model: mujoco.MjModel,
+    floats: bool,
+    played: Sequence[Joint],
+    joints: Sequence[Joint],
+    state: Sequence[FloatArray],
+    driven: tuple[FloatArray, FloatArray],
+) -> FloatArray:
+    """(n_segments, n_played) as `loads`, of one variant."""
     data = rest(model)
     at, dofs = [joint.qpos for joint in joints], [joint.dof for joint in joints]
     plays = [joint.play.dof for joint in played if joint.play]
@@ -228,13 +252,13 @@ def loads(
     motors = [joint.dof for joint in played]
     for qpos, qvel, qacc, ctrl, applied in zip(*state, *driven, strict=True):
         data.qpos[at], data.qvel[dofs], data.qacc[dofs] = qpos, qvel, qacc
-        if robot.base is None:
-            mujoco.mj_inverse(model, data)
-            found.append(data.qfrc_inverse[plays])
-        else:
+        if floats:
             data.ctrl[:] = ctrl
             mujoco.mj_forward(model, data)
             found.append(data.qfrc_actuator[motors] + applied[motors])
+        else:
+            mujoco.mj_inverse(model, data)
+            found.append(data.qfrc_inverse[plays])
     return np.stack(found)
 
 
@@ -252,13 +276,13 @@ def bend(
         trials: the variants.
         fields: of which each variant has its own, (n, *shape).
         played: joints with play.
-        loads: (n_segments, n_played) what passes through it [N·m; N].
+        loads: (n, n_segments, n_played) what passes through them [N·m; N].
     """
     model = trials.robot.model
     first = int(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_QPOS.value - 1))
     for k, joint in enumerate(played):
         if joint.play is not None:
-            bent = _deflection(model, fields, joint, joint.play, loads[:, k])
+            bent = _deflection(model, fields, joint, joint.play, loads[..., k])
             state[..., first + joint.play.qpos] = bent
             state[..., first + joint.qpos] -= trials.load_side[joint.name][:, None] * bent
 

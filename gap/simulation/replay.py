@@ -91,10 +91,7 @@ class _Group:
         joints = [robot.joints[name] for name in self.joints]
         # A play that is measured itself starts as measured.
         self.played = [j for j in joints if j.play is not None and j.play.name not in self.joints]
-        self.loads: FloatArray | None = None
-        if self.played:
-            driven = self.ctrl[:, self.past], self.applied[:, self.past]
-            self.loads = loads(robot, self.played, joints, self._measured_states(), driven)
+        self.starts = self._measured_states() if self.played else ()
 
     def _measured_states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions, velocities, accelerations at the starts, (n_segments, n_joints) each."""
@@ -282,8 +279,10 @@ class Replay:
             places,
         )
 
-        if group.loads is not None:
-            bend(state, trials, fields, group.played, group.loads)
+        if group.played:
+            driven = group.ctrl[:, group.past], group.applied[:, group.past]
+            carried = loads(trials, group.played, joints, group.starts, driven)
+            bend(state, trials, fields, group.played, carried)
         record = sorted({"qpos", *(_RECORDS[c.signal] for c in self.channels if not c.of_base)})
         each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
         threads = self.n_threads

@@ -43,7 +43,8 @@ def test_signal_errors_units_and_floor(leg: LegDiagnosis) -> None:
     alone = packed(trace, None, mended=False)
     assert len(alone["errors"]) == 1
     assert alone["floor"] == 0.0
-    assert packed(leg().traces[0], None, mended=True)["commanded"] is None
+    untold = replace(trace, target=None)
+    assert packed(untold, None, mended=True)["commanded"] is None
 
 
 def test_long_traces_keep_both_ends_and_the_extremes_of_both_errors(leg: LegDiagnosis) -> None:
