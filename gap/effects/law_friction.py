@@ -82,6 +82,7 @@ class AsymmetricFriction(JointEffect):
         "joint frictionloss, and a drivetrain law in actuators.json for what one way has more"
     )
     source = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
+    extends = ("coulomb_friction",)
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""

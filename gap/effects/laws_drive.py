@@ -28,6 +28,7 @@ class TorqueSpeedLimit(LawEffect):
     )
     symptom = "high speed, when driving"
     source = "speed–torque line of a DC motor at constant voltage; NVIDIA Isaac Lab's DCMotor"
+    extends = ("effort_limit",)
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """Stall torque and no-load speed; unchanged are the robot's, or far above what was seen."""

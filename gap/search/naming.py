@@ -33,14 +33,14 @@ _Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and
 
 MOST_EFFECTS = 6
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
-_MOST_OF_THE_GAP = 0.5  # of the score: gaps that shrink to six tenths
+_LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.01  # of the noise, and of how far a joint moves
 _REFITS = 4
 _PASSES = 2  # of fitting and finding the numerical error again
 _SETTLED = 0.05  # of a parameter's scale
 _MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
-_WARM = 2  # steps
+_WARM, _KEPT_WARM = 2, 2  # steps, and how many take the second for each that is raced
 _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _MOST_EXCHANGES = 3
@@ -160,9 +160,9 @@ class _Search:
     def _simulated_well(self, nothing: Fit) -> Fit:
         """The robot as it is, or in a simulation that is good enough for these recordings.
 
-        The numerical error is taken out of every comparison. Where it is most of the gap, far above
-        the noise and a part of the motion that matters, it is an effect of its own, and the model
-        is to be simulated otherwise.
+        The numerical error is taken out of every comparison. Where it is most of a joint's gap, far
+        above the noise and a part of the motion that matters, it is an effect of its own, and the
+        model is to be simulated otherwise.
         """
         problem = self._problem
         terms = [
@@ -183,8 +183,8 @@ class _Search:
             tried = objective.as_it_is([Case(structure=structure, values=values)])[0]
             k = int(np.argmin(objective.score(tried)))
             gained = np.sqrt(np.maximum(before - tried[k], 0.0))
-            gain = float(objective.score(before) - objective.score(tried[k]))
-            if gain > _MOST_OF_THE_GAP and (gained > least)[of_position].any():
+            most = tried[k] < _LEFT_OF_THE_GAP**2 * before
+            if (most & (gained > least) & of_position).any():
                 (best,) = evaluate(problem.fit.objective, [(structure, values[k])])
         return best
 
@@ -274,12 +274,17 @@ class _Search:
         objective = self._problem.screen.objective
         every = range(len(view.candidates))
         able = [i for i in every if view.candidates[i].tries and not _outdone(view, i)]
-        warm = fit(
-            objective, evaluate(objective, [view.start([i]) for i in able]), iterations=_WARM
-        )
-        by_score = sorted(range(len(able)), key=lambda k: warm[k].score)
+        warm = evaluate(objective, [view.start([i]) for i in able])
         by_promise = sorted(range(len(able)), key=lambda k: view.promise([able[k]]))
-        chosen = dict.fromkeys([*by_score[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]])
+        chosen = list(range(len(able)))
+        for _ in range(_WARM):
+            for k, one in zip(
+                chosen, fit(objective, [warm[k] for k in chosen], iterations=1), strict=True
+            ):
+                warm[k] = one
+            chosen.sort(key=lambda k: warm[k].score)
+            chosen = chosen[: _KEPT_WARM * _MOST_SINGLES]
+        chosen = list(dict.fromkeys([*chosen[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]]))
         return [(warm[k].structure, warm[k].values) for k in chosen]
 
     def _terms(self, structure: Structure) -> list[Term]:

@@ -26,8 +26,8 @@ REFINEMENT = 2  # how many times finer the timestep is that shows the numerical 
 # Velocity comes from the same encoder and adds its filter's lag.
 _SCORED = ("position", "effort", "base_position", "base_orientation")
 # Whole rollouts are searched in stretches: side by side they take less time, and tell as much.
-_STRETCH = 3.0  # s
-_RACE_STEPS, _SCREEN_STEPS = 12_000, 6_000
+_STRETCH, _SCREEN_STRETCH = 1.5, 1.0  # s
+_RACE_STEPS, _SCREEN_STEPS = 12_000, 4_000
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
@@ -141,11 +141,13 @@ def build(
             if mine
         )
 
-    def half(recordings: Sequence[Sequence[Recording]], share: float = 1.0) -> Half:
+    def half(
+        recordings: Sequence[Sequence[Recording]], share: float = 1.0, stretch: float = _STRETCH
+    ) -> Half:
         def parts(mine: Sequence[Recording]) -> tuple[Segment, ...]:
             if window is not None:
                 return _spread(cut(mine, window), share)
-            return _spread([s for one in mine for s in stretches(one, _STRETCH)], share)
+            return _spread([s for one in mine for s in stretches(one, stretch)], share)
 
         def finer(robot: Robot) -> Robot:
             return robot.refined(REFINEMENT)
@@ -166,15 +168,15 @@ def build(
     fit = half(fitted)
     steps = fit.objective.steps
 
-    def part(most: int) -> Half:
-        return fit if steps <= most else half(fitted, most / steps)
+    def part(most: int, stretch: float) -> Half:
+        return fit if steps <= most else half(fitted, most / steps, stretch)
 
     return Problem(
         robots=tuple(sized),
         joints=joints,
         fit=fit,
-        race=part(_RACE_STEPS),
-        screen=part(_SCREEN_STEPS),
+        race=part(_RACE_STEPS, _STRETCH),
+        screen=part(_SCREEN_STEPS, _SCREEN_STRETCH),
         held=half(held_out),
         noise=floor,
         hold=hold,
