@@ -26,7 +26,7 @@ from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
 from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried, merged
-from walkerkit.gap.search.worth import close_to, confidence, worth_it
+from walkerkit.gap.search.worth import close_to, confidence, least_gain, worth_it
 
 FloatArray = NDArray[np.float64]
 _Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and whether shared
@@ -41,6 +41,7 @@ _SETTLED = 0.05  # of a parameter's scale
 _MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
 _WARM, _KEPT_WARM = 2, 2  # steps, and how many take the second for each that is raced
+_MOST_WARM, _HOPE = 24, 0.3  # that take the first, and what they promise of the least that matters
 _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _MOST_EXCHANGES = 3
@@ -269,14 +270,19 @@ class _Search:
         """The singles that are worth a race, from where a few steps have taken them.
 
         A promise is a straight line from the present model. Where that is far from the robot the
-        line leads astray, so that every effect gets the first steps of a fit.
+        line leads astray, so that all with any hope get the first steps of a fit.
         """
         objective = self._problem.screen.objective
         every = range(len(view.candidates))
         able = [i for i in every if view.candidates[i].tries and not _outdone(view, i)]
         warm = evaluate(objective, [view.start([i]) for i in able])
-        by_promise = sorted(range(len(able)), key=lambda k: view.promise([able[k]]))
-        chosen = list(range(len(able)))
+        promised = [view.promise([i]) for i in able]
+        least = view.score - _HOPE * least_gain(self._problem) / view.channels
+        by_promise = sorted(range(len(able)), key=lambda k: promised[k])
+        by_start = sorted(range(len(able)), key=lambda k: warm[k].score)
+        chosen = [k for k in by_promise[:_MOST_WARM] if promised[k] < least]
+        chosen += [k for k in by_start[:_MOST_SINGLES] if warm[k].score < least]
+        chosen = list(dict.fromkeys([*chosen, *by_promise[:_FEWEST_SINGLES]]))
         for _ in range(_WARM):
             for k, one in zip(
                 chosen, fit(objective, [warm[k] for k in chosen], iterations=1), strict=True

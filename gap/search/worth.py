@@ -42,6 +42,13 @@ def worth_it(problem: Problem, evidence: Evidence, k: int, base: int = 0) -> boo
     return bool(large and by_chance < _CHANCE and (explained > least).any())
 
 
+def least_gain(problem: Problem) -> float:
+    """What anything that is worth it takes off the score at least, summed over the channels."""
+    joints = [channel.joint for channel in problem.channels]
+    fewest = min(joints.count(joint) for joint in joints)
+    return min(_MARGIN * len(joints), _MARGIN_OF_JOINT * fewest)
+
+
 def close_to(contest: Evidence, channels: int, first: int = 0) -> list[int]:
     """Fits that explain as well as fit `first`: by score, or in more than chance of resamples."""
     resampled = contest.both_resampled
