@@ -133,11 +133,13 @@ def diagnose(
 @app.command()
 def effects() -> None:
     """List the catalogue of effects."""
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from walkerkit.gap.effects import CATALOGUE
 
-    table = Table("effect", "equation", "where its residual shows", "added as")
+    table = Table(
+        Column("effect", no_wrap=True), "equation", "where its residual shows", "added as"
+    )
     for effect in CATALOGUE.values():
         table.add_row(effect.name, effect.equation, effect.symptom, effect.added_as)
     _console().print(table)

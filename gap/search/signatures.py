@@ -40,7 +40,7 @@ class Candidate:
 
     Attributes:
         term: the effect at the places that promise something.
-        tries: place to the values of its parameters there that promise most.
+        tries: place to the values of its parameters there from which to fit.
         columns: indices of its changes in the view; none for what promises nothing.
     """
 
@@ -112,13 +112,17 @@ class View:
         return structure, np.clip(values, *structure.bounds)
 
     def _chosen(self, one: _Simulated) -> Candidate:
-        """The magnitude at each place that goes best with the residual, of places that matter."""
+        """The magnitude at each place that goes best with the residual, of places that matter.
+
+        Its change promises by as much of it as goes best; a fit starts with all of one.
+        """
         offset = len(self._columns)
-        best: dict[str, int] = {}
-        explained = self._explained(one.changes) if one.places else np.zeros(0)
-        for k, place in enumerate(one.places):
-            if place not in best or explained[k] > explained[best[place]]:
-                best[place] = k
+        explained, taken = self._explained(one.changes) if one.places else (np.zeros(0),) * 2
+        best = _best_at_each(one.places, explained)
+        start = {
+            place: k if taken[k] > 0 else best[place]
+            for place, k in _best_at_each(one.places, taken).items()
+        }
         picked = [(place, k) for place, k in best.items() if explained[k] > 0]
         self._columns.extend(one.changes[k].astype(np.float64) for _, k in picked)
         self.__dict__.pop("_products", None)
@@ -132,19 +136,23 @@ class View:
                 break
             own.pop(int(np.argmin(cost)))
         # What promises nothing anywhere can still be fitted from where it does least harm.
-        kept = [picked[k - offset] for k in own] or list(best.items())
+        kept = [picked[k - offset][0] for k in own] or list(best)
         term = one.term
         if not term.shared and kept:
-            sites = tuple(site for site in term.sites if site in dict(kept))
+            sites = tuple(site for site in term.sites if site in kept)
             term = replace(term, sites=sites)
         return Candidate(
             term=term,
-            tries={place: one.values[k] for place, k in kept},
+            tries={place: one.values[start[place]] for place in kept},
             columns=tuple(own),
         )
 
-    def _explained(self, changes: Single) -> FloatArray:
-        """(n,) squared gaps, weighted, that each change can take away in its own direction."""
+    def _explained(self, changes: Single) -> tuple[FloatArray, FloatArray]:
+        """Squared gaps, weighted, that as much of each change takes away as is best, and all of it.
+
+        Returns:
+            (n,) and (n,).
+        """
         weights = self._objective.weights(self._objective.mean_square(self._residual))
         root = np.sqrt(weights).astype(np.float32)
         a = (changes * root).reshape(len(changes), -1)
@@ -157,8 +165,7 @@ class View:
             a = a - (a @ basis) @ basis.T
         along = -(a @ r).astype(np.float64)
         size = np.einsum("ij,ij->i", a, a).astype(np.float64)
-        explained: FloatArray = np.sign(along) * along**2 / np.maximum(size, 1e-300)
-        return explained
+        return np.sign(along) * along**2 / np.maximum(size, 1e-300), 2 * along - size
 
     @cached_property
     def _products(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -191,6 +198,15 @@ class View:
                 left = square + 2 * along @ x + np.einsum("i,cij,j->c", x, gram, x)
                 mean_square = np.maximum(left, 0) / objective.count
         return float(objective.score(mean_square))
+
+
+def _best_at_each(places: Sequence[str], merit: FloatArray) -> dict[str, int]:
+    """Place to the index of its best try, in the order of the places."""
+    best: dict[str, int] = {}
+    for k, place in enumerate(places):
+        if place not in best or merit[k] > merit[best[place]]:
+            best[place] = k
+    return best
 
 
 def _within(

@@ -438,7 +438,7 @@ def test_a_manifest_beside_recordings_is_refused(run: Run, folder: Path) -> None
         (["demo", "--out", "a.csv"], ("a.csv", "is a file")),
         (["effects", "extra"], ("extra",)),
         (["simulate"], ("model",)),
-        (["simulate", "servo.xml", "--hide", "backlash"], ("'backlash'", "coulomb_friction")),
+        (["simulate", "servo.xml", "--hide", "gremlins"], ("'gremlins'", "coulomb_friction")),
         (["simulate", "servo.xml", "--seconds", "0"], ("seconds is 0", "at least 1 s")),
         (["simulate", "servo.xml", "--seconds", "nan"], ("seconds is nan",)),
         (["simulate", "servo.xml", "--seconds", "inf"], ("seconds is inf", "at most 3600 s")),
