@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
 from walkerkit.gap.search.problem import Problem
 
@@ -74,6 +75,8 @@ def _of_effect(named: NamedEffect) -> Iterator[str]:
         )
     elif named.confidence < _UNSURE:
         yield f"{named.effect} is named with a confidence of only {named.confidence:.2f}."
+    if not CATALOGUE[named.effect].fitted:
+        return
     for estimate in named.parameters:
         place = "" if estimate.place == "*" else f" of {estimate.place}"
         if estimate.at_bound:
