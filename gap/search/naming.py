@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit
-from walkerkit.gap.search.objective import Case
+from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
@@ -239,8 +239,7 @@ class _Search:
             base = weigh(problem, [current])
         none = _Tried(fits=(), evidence=base.some([]))
         terms = self._terms(current.structure)
-        at_floor = (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * problem.noise).all()
-        if not terms or at_floor or count >= MOST_EFFECTS:
+        if not terms or self._at_floor(current, base) or count >= MOST_EFFECTS:
             self._tried[key] = none
             return none
         stage = f"effect {count + 1}: {{}} {len(terms)} candidates"
@@ -265,6 +264,17 @@ class _Search:
         )
         self._tried[key] = _Tried(fits=tuple(tried), evidence=weigh(problem, tried))
         return self._tried[key]
+
+    def _at_floor(self, current: Fit, base: Evidence) -> bool:
+        """Whether a fit leaves nothing to explain, in stretches or in what the gap is told of.
+
+        Each stretch starts from a smoothed state, whose error is all that is left of the gap where
+        a log has no noise, as one of another simulator.
+        """
+        held, noise = self._problem.held, self._problem.noise
+        told = Objective(held.told, self._problem.channels, held.objective.floor)
+        gaps = (base.mean_square[0], told.as_it_is([_case(current)])[0][0])
+        return any((np.sqrt(gap) <= _AT_FLOOR * noise).all() for gap in gaps)
 
     def _starters(self, view: View) -> list[tuple[Structure, FloatArray]]:
         """The singles that are worth a race, from where a few steps have taken them.
