@@ -249,21 +249,30 @@ def record(
     ]
 
 
-def main(out: Path, seconds: float = 8.0) -> dict[str, gap.Result]:
-    """Records the leg as described and with the motors, and diagnoses both.
+def diagnose(
+    out: Path, friction: Mapping[str, float], seconds: float = 8.0, effects: Sequence[str] = ()
+) -> gap.Result:
+    """Writes both robots, records the one in PyBullet and diagnoses the logs against the other.
 
-    Returns:
-        The results by the names of the runs.
+    Args:
+        out: folder for both files and for the result.
+        friction: largest torque of the velocity motors by joint [N·m].
+        seconds: length of each experiment.
+        effects: what to consider; the whole catalogue where none is given.
     """
     out.mkdir(parents=True, exist_ok=True)
     (out / "leg.urdf").write_text(urdf(), encoding="utf-8")
     (out / "leg.xml").write_text(mjcf(), encoding="utf-8")
-    results = {}
+    recordings = record(out / "leg.urdf", friction, seconds)
+    result = gap.diagnose(out / "leg.xml", recordings, effects=effects or None)
+    result.save(out / "diagnosis")
+    return result
+
+
+def main(out: Path) -> None:
+    """Diagnoses both, and prints what was found."""
     for run, friction in (("as_described", {}), ("with_motors", FRICTION)):
-        recordings = record(out / "leg.urdf", friction, seconds)
-        results[run] = gap.diagnose(out / "leg.xml", recordings)
-        results[run].save(out / run)
-    return results
+        print(f"{run}\n{'=' * len(run)}\n{diagnose(out / run, friction)}\n", flush=True)
 
 
 def _text(numbers: Sequence[float]) -> str:
@@ -271,5 +280,4 @@ def _text(numbers: Sequence[float]) -> str:
 
 
 if __name__ == "__main__":
-    for run, result in main(Path(sys.argv[1] if len(sys.argv) > 1 else "pybullet-port")).items():
-        print(f"== {run}\n\n{result}\n")
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "pybullet-port"))

@@ -75,3 +75,40 @@ class TestRealLogs:
         assert written["gap"]["after"] == pytest.approx(size.after, rel=1e-5)
         assert np.isfinite(written["gap"]["noise_floor"])
         assert capsys.readouterr().out == ""
+
+
+class TestPyBulletPort:
+    def test_nothing_is_missing_where_it_does_what_the_urdf_says(
+        self, repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        example = _example(repository, "pybullet_port", monkeypatch)
+        found = example.diagnose(tmp_path, {}, seconds=4.0).diagnosis
+        assert found.verdict == "no_gap"
+        assert found.effects == ()
+        # Both simulators step alike; what is left is the state that the replay starts from.
+        assert found.gap.position.before < 1e-8
+
+    def test_velocity_motors_are_dry_friction(
+        self, repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        example = _example(repository, "pybullet_port", monkeypatch)
+        found = example.diagnose(
+            tmp_path,
+            example.FRICTION,
+            seconds=4.0,
+            effects=[
+                "coulomb_friction",
+                "viscous_friction",
+                "armature",
+                "torque_bias",
+                "position_gain",
+                "command_delay",
+            ],
+        ).diagnosis
+        (friction,) = found.effects
+        assert friction.effect == "coulomb_friction"
+        assert friction.joints == tuple(example.FRICTION)
+        assert friction.indistinguishable_from == ()
+        for estimate in friction.parameters:
+            assert estimate.value == pytest.approx(example.FRICTION[estimate.joint], rel=0.05)
+        assert found.gap.position.after < 0.1 * found.gap.position.before
