@@ -232,7 +232,7 @@ def simulate(
 
 
 def record(
-    path: Path, friction: Mapping[str, float], seconds: float = 8.0, seed: int = 0
+    path: Path, friction: Mapping[str, float], seconds: float = 4.0, seed: int = 0
 ) -> list[gap.Recording]:
     """The experiments, each of so many seconds."""
     rng = np.random.default_rng(seed)
@@ -250,7 +250,7 @@ def record(
 
 
 def diagnose(
-    out: Path, friction: Mapping[str, float], seconds: float = 8.0, effects: Sequence[str] = ()
+    out: Path, friction: Mapping[str, float], seconds: float = 4.0, effects: Sequence[str] = ()
 ) -> gap.Result:
     """Writes both robots, records the one in PyBullet and diagnoses the logs against the other.
 
