@@ -7,10 +7,10 @@ A log from another simulator is a log. The same leg is written as URDF and as MJ
 and axes alike; PyBullet runs the URDF under a PD controller and logs it, and the logs are diagnosed
 against the MJCF. Twice:
 
-- `as_described`: PyBullet does what the URDF says and nothing more. Nothing should be named.
+- `as_described`: PyBullet does what the URDF says and nothing more. Nothing is missing.
 - `with_motors`: velocity motors hold thigh and knee back. They are how PyBullet's environments make
-  dry friction, which PyBullet does not read from a URDF; so it is in the environment's code
-  (`SetJointFriction` of its Minitaur) and in no file that a converter sees.
+  dry friction, since PyBullet does not apply that of a URDF; so it is in an environment's code (as
+  `SetJointFriction` of the Minitaur that comes with it) and in no file that a converter sees.
 
 Three of PyBullet's defaults have to be undone before the two simulators agree, see `load`.
 """
