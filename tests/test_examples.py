@@ -89,6 +89,13 @@ class TestPyBulletPort:
         assert found.effects == ()
         # Both simulators step alike; what is left is the state that the replay starts from.
         assert found.gap.position.before < 1e-8
+        stages: list[str] = []
+        gap.diagnose(
+            tmp_path / "leg.xml",
+            example.record(tmp_path / "leg.urdf", {}, seconds=2.0),
+            progress=lambda stage, _: stages.append(stage),
+        )
+        assert not any("candidates" in stage for stage in stages)
 
     def test_velocity_motors_are_dry_friction(
         self, repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
