@@ -27,7 +27,8 @@ REFINEMENT = 2  # how many times finer the timestep is that shows the numerical 
 _SCORED = ("position", "effort", "base_position", "base_orientation")
 # Whole rollouts are searched in stretches: side by side they take less time, and tell as much.
 _STRETCH, _SCREEN_STRETCH = 1.5, 1.0  # s
-_RACE_STEPS, _SCREEN_STEPS = 12_000, 4_000
+_MOST_STEPS, _RACE_STEPS, _SCREEN_STEPS = 24_000, 12_000, 4_000
+_FEWEST = 3  # of a robot's stretches, whatever their steps
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
@@ -131,23 +132,30 @@ def build(
 
     def replays(
         recordings: Sequence[Sequence[Recording]],
-        parts: Callable[[Sequence[Recording]], tuple[Segment, ...]],
+        parts: Callable[[Sequence[Recording], float], tuple[Segment, ...]],
         remade: Callable[[Robot], Robot] = lambda robot: robot,
         kept: Sequence[Channel] = channels,
     ) -> tuple[Replay, ...]:
+        # Each robot contributes other parts, so that few of many say something of everything.
         return tuple(
-            Replay(remade(robot), parts(mine), kept, hold=hold, n_threads=n_threads)
-            for robot, mine in zip(sized, recordings, strict=True)
+            Replay(
+                remade(robot),
+                parts(mine, (k + 0.5) / len(sized)),
+                kept,
+                hold=hold,
+                n_threads=n_threads,
+            )
+            for k, (robot, mine) in enumerate(zip(sized, recordings, strict=True))
             if mine
         )
 
     def half(
         recordings: Sequence[Sequence[Recording]], share: float = 1.0, stretch: float = _STRETCH
     ) -> Half:
-        def parts(mine: Sequence[Recording]) -> tuple[Segment, ...]:
+        def parts(mine: Sequence[Recording], phase: float) -> tuple[Segment, ...]:
             if window is not None:
-                return _spread(cut(mine, window), share)
-            return _spread([s for one in mine for s in stretches(one, stretch)], share)
+                return _spread(cut(mine, window), share, phase)
+            return _spread([s for one in mine for s in stretches(one, stretch)], share, phase)
 
         def finer(robot: Robot) -> Robot:
             return robot.refined(REFINEMENT)
@@ -157,7 +165,7 @@ def build(
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
-            told=replays(recordings, lambda mine: cut(mine, window)),
+            told=replays(recordings, lambda mine, _: cut(mine, window)),
             objective=Objective(replays(recordings, parts), scored, _FLOOR * floor),
             finer=tuple(
                 Objective(replays(recordings, parts, remade, scored), scored, _FLOOR * floor)
@@ -165,11 +173,18 @@ def build(
             ),
         )
 
-    fit = half(fitted)
-    steps = fit.objective.steps
+    step = float(min(robot.model.opt.timestep for robot in robots))
+
+    def share(recordings: Sequence[Sequence[Recording]], most: int) -> float:
+        """What of them may be simulated again and again."""
+        seconds = sum(float(r.time[-1] - r.time[0]) for group in recordings for r in group)
+        return min(1.0, most * step / seconds)
+
+    fit = half(fitted, share(fitted, _MOST_STEPS))
 
     def part(most: int, stretch: float) -> Half:
-        return fit if steps <= most else half(fitted, most / steps, stretch)
+        small = share(fitted, most)
+        return fit if small == 1 else half(fitted, small, stretch)
 
     return Problem(
         robots=tuple(sized),
@@ -177,7 +192,7 @@ def build(
         fit=fit,
         race=part(_RACE_STEPS, _STRETCH),
         screen=part(_SCREEN_STEPS, _SCREEN_STRETCH),
-        held=half(held_out),
+        held=half(held_out, share(held_out, _MOST_STEPS)),
         noise=floor,
         hold=hold,
         window=window,
@@ -185,11 +200,11 @@ def build(
     )
 
 
-def _spread(segments: Sequence[Segment], share: float) -> tuple[Segment, ...]:
+def _spread(segments: Sequence[Segment], share: float, phase: float) -> tuple[Segment, ...]:
     """A share of the segments, evenly spread: they are alike, so that some tell as much as all."""
-    count = max(1, round(share * len(segments)))
-    middles = (np.arange(count) + 0.5) * len(segments) / count
-    return tuple(segments[int(k)] for k in middles)
+    count = min(len(segments), max(_FEWEST, round(share * len(segments))))
+    places = (np.arange(count) + phase) * len(segments) / count
+    return tuple(segments[int(k)] for k in places)
 
 
 def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.Noise:
