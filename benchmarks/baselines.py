@@ -1,0 +1,123 @@
+"""What other methods reach on the logs of real hardware: the same split, the same yardstick.
+
+    python -m benchmarks baselines             # all logs, all methods: most of an hour
+    python -m benchmarks baselines --quick     # emps, without the diagnosis
+
+Every figure is what `gap.replay` leaves on the recordings that are held out:
+
+- the model as given;
+- `mujoco.sysid` with armature, damping and frictionloss of each joint (`rivals.mujoco_sysid`), its
+  own optimizer on the same recordings; it needs the extra `mujoco[sysid]`;
+- PACE's set of parameters and BAM's six models as structures of our catalogue, fitted by `gap.fit`
+  (`rivals.structures` says where that is approximate: what is compared is the structure, not their
+  optimizers or their code);
+- `gap.diagnose`, which is told none of these.
+
+xl330 has four models of one servo, and every method one set of values for all.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from benchmarks import Row
+from benchmarks.rivals import mujoco_sysid
+from benchmarks.rivals.logs import LOGS, Figure, RealLog
+from benchmarks.rivals.structures import STRUCTURES, structure
+from walkerkit import gap
+from walkerkit.gap.search.problem import Problem
+
+_QUICK = "emps"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Reached:
+    """What a method reached on the recordings that are held out."""
+
+    method: str
+    figure: Figure
+    parameters: int
+    seconds: float
+    note: str = ""
+
+
+def run(*, quick: bool) -> list[Row]:
+    """All methods on all logs."""
+    rows = []
+    for log in LOGS:
+        if quick and log.name != _QUICK:
+            continue
+        try:
+            problem = log.load()
+        except FileNotFoundError as missing:
+            print(missing, flush=True)
+            continue
+        for reached in _methods(log, problem, quick=quick):
+            what = f"{log.name}: {reached.method}"
+            result = f"{log.said(reached.figure)}, {reached.parameters} parameters"
+            print(f"{what:34} {result}, {reached.seconds:.0f} s {reached.note}", flush=True)
+            rows.append(
+                Row(
+                    what=what,
+                    result=f"{result}, {reached.seconds:.0f} s",
+                    reference=reached.note,
+                )
+            )
+    return rows
+
+
+def _methods(log: RealLog, problem: Problem, *, quick: bool) -> Iterator[_Reached]:
+    start = time.perf_counter()
+    given = log.figure(problem, gap.replay(problem).gap)
+    seconds = time.perf_counter() - start
+    yield _Reached(method="as given", figure=given, parameters=0, seconds=seconds, note=log.what)
+    if mujoco_sysid.available():
+        yield _sysid(log, problem)
+    else:
+        print(f"{log.name}: mujoco.sysid left out: pip install 'mujoco[sysid]'", flush=True)
+    for name in STRUCTURES:
+        try:
+            effects, missing = structure(name, problem)
+        except ValueError as reason:
+            print(f"{log.name}: {name} left out: {reason}", flush=True)
+            continue
+        start = time.perf_counter()
+        fitted = gap.fit(problem, effects)
+        yield _Reached(
+            method=name,
+            figure=log.figure(problem, fitted.gap),
+            parameters=sum(len(effect.parameters) for effect in fitted.effects),
+            seconds=time.perf_counter() - start,
+            note=f"without {', '.join(missing)}" if missing else "",
+        )
+    if not quick:
+        yield _diagnosed(log, problem)
+
+
+def _sysid(log: RealLog, problem: Problem) -> _Reached:
+    start = time.perf_counter()
+    found = mujoco_sysid.identify(problem)
+    seconds = time.perf_counter() - start
+    models = len(problem.robots)
+    return _Reached(
+        method="mujoco.sysid",
+        figure=log.figure(problem, gap.replay(problem, found.robots).gap),
+        parameters=len(found.values),
+        seconds=seconds,
+        note=f"one set of values for {models} models" if models > 1 else "",
+    )
+
+
+def _diagnosed(log: RealLog, problem: Problem) -> _Reached:
+    start = time.perf_counter()
+    result = log.diagnose()
+    effects = result.diagnosis.effects
+    return _Reached(
+        method="gap.diagnose",
+        figure=log.figure(problem, result.diagnosis.gap),
+        parameters=sum(len(effect.parameters) for effect in effects),
+        seconds=time.perf_counter() - start,
+        note=", ".join(effect.effect for effect in effects),
+    )

@@ -1,0 +1,75 @@
+"""Published sets of parameters as structures of the catalogue, to be fitted by `gap.fit`.
+
+    effects, missing = structure("BAM M4", problem)
+    gap.fit(problem, effects)
+
+PACE (Bjelonic, Tischhauser, Hutter, "Towards bridging the gap: systematic sim-to-real transfer for
+diverse legged robots", 2025) fits armature, viscous and Coulomb friction and the bias of each
+joint's position, and one delay of the commands for all. These are five effects, exactly; in place
+of its optimizer (CMA-ES) there is ours.
+
+BAM (Duclusaud, Passault, Padois, Ly, "Extended friction models for the physics simulation of servo
+actuators", 2025) fits a motor (kt, R, armature, offset and, in its code of today, the delay of the
+commands) under one of six models of friction:
+
+| model | its friction | here |
+|---|---|---|
+| M1 | Coulomb and viscous | the same |
+| M2 | M1, Stribeck | `stribeck_friction`: the same, exponent and velocity too |
+| M3 | M1, load-dependent | `load_dependent_friction`: of the drive's effort alone |
+| M4 | M2 and M3 | both; BAM's load-dependent part has a Stribeck term of its own |
+| M5 | M4, other factors on the drive's load and on the external | `directional_efficiency` |
+| M6 | M5, quadratic in the load | the catalogue has none: M5 with `quadratic_drag`, of the speed |
+
+Its motor is `torque_constant` (kt/R) and `velocity_gain` (kt²/R, the back-EMF), which the model's
+effort limit clips here while BAM clips the voltage before it: what is beyond, viscous friction
+takes up. A drive that takes efforts has no gain to change, and goes without. BAM's friction of the
+load is a|τ_drive| + b|τ_external|, with a = b up to M4. In steady motion that makes the drive's
+effort worth (1 − a)/(1 + b) when it drives and (1 + a)/(1 − b) when it is driven. With kt free these
+are the two numbers of `directional_efficiency`, whose mean is the torque constant: M5 and M6 have
+it in place of both `torque_constant` and `load_dependent_friction`, and span no more than M4 there.
+"""
+
+from __future__ import annotations
+
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import candidate_terms
+
+_PLAIN = ("armature", "viscous_friction", "coulomb_friction", "encoder_offset", "command_delay")
+_MOTOR = (*_PLAIN, "velocity_gain")
+
+STRUCTURES: dict[str, tuple[str, ...]] = {
+    "PACE": _PLAIN,
+    "BAM M1": (*_MOTOR, "torque_constant"),
+    "BAM M2": (*_MOTOR, "torque_constant", "stribeck_friction"),
+    "BAM M3": (*_MOTOR, "torque_constant", "load_dependent_friction"),
+    "BAM M4": (*_MOTOR, "torque_constant", "stribeck_friction", "load_dependent_friction"),
+    "BAM M5": (*_MOTOR, "stribeck_friction", "directional_efficiency"),
+    "BAM M6": (*_MOTOR, "stribeck_friction", "directional_efficiency", "quadratic_drag"),
+}
+_OPTIONAL = ("velocity_gain",)
+
+
+def structure(name: str, problem: Problem) -> tuple[dict[str, str], tuple[str, ...]]:
+    """A published set on the joints of a problem.
+
+    Args:
+        name: one of `STRUCTURES`.
+        problem: what `gap.load` returned.
+
+    Returns:
+        What `gap.fit` takes, and the effects that no joint can have and the set can do without.
+
+    Raises:
+        ValueError: no joint can have an effect that makes the set what it is.
+    """
+    effects, missing = {}, []
+    for effect in STRUCTURES[name]:
+        if candidate_terms([CATALOGUE[effect]], problem.robots, problem.joints):
+            effects[effect] = EVERYWHERE
+        elif effect in _OPTIONAL:
+            missing.append(effect)
+        else:
+            raise ValueError(f"{effect} can act on no joint")
+    return effects, tuple(missing)

@@ -1,0 +1,136 @@
+"""Others' methods on a log of one servo whose friction is known."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from benchmarks.rivals import mujoco_sysid
+from benchmarks.rivals.structures import STRUCTURES, structure
+from walkerkit import gap
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.search.structure import Structure, candidate_terms
+
+JOINT = "shaft"
+SERVO = '<position joint="shaft" kp="20" kv="0.6" forcerange="-3 3"/>'
+MOTOR = '<motor joint="shaft"/>'
+TRUE = {"armature": 0.012, "damping": 0.15, "frictionloss": 0.2}
+# As dry as it goes at that timestep.
+DRY = 'solreffriction="0.001 1" solimpfriction="0.99 0.99 0.001 0.5 2"'
+
+
+def bench(actuator, joint="", timestep=0.001):
+    return f"""
+<mujoco><compiler angle="radian"/>
+  <option timestep="{timestep}" integrator="implicitfast"/>
+  <worldbody><body name="arm"><joint name="shaft" axis="0 1 0" {joint}/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.4" contype="0"/></body>
+  </worldbody><actuator>{actuator}</actuator></mujoco>
+"""
+
+
+def recorded(xml, name, target, *, kind="position", seconds=2.0, every=8):
+    """What a robot at half the timestep does with a target, logged at 250 Hz."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    columns = {"position": [], f"{kind}_target": []}
+    time = []
+    for step in range(round(seconds / model.opt.timestep)):
+        if step % every == 0:
+            data.ctrl[0] = target(data.time)
+            time.append(data.time)
+            columns["position"].append(data.qpos[0])
+            columns[f"{kind}_target"].append(data.ctrl[0])
+        mujoco.mj_step(model, data)
+    signals = {f"{JOINT}/{signal}": np.array(values) for signal, values in columns.items()}
+    return gap.Recording(name=name, time=np.array(time), columns=signals)
+
+
+def problem_of(folder, actuator, *, kind="position", size=0.8):
+    path = folder / "bench.xml"
+    path.write_text(bench(actuator), encoding="utf-8")
+    attributes = " ".join(f'{name}="{value}"' for name, value in TRUE.items())
+    true = bench(actuator, f"{attributes} {DRY}", timestep=0.0005)
+    fast = recorded(true, "fast", lambda t: size * np.sin(5 * t + 3 * t**2), kind=kind)
+    slow = recorded(true, "slow", lambda t: size * np.sin(4 * t), kind=kind)
+    held = recorded(true, "held", lambda t: size * np.sign(np.sin(6 * t)), kind=kind)
+    return gap.load(path, [fast, slow, held], held_out=[held])
+
+
+@pytest.fixture(scope="module")
+def servo(tmp_path_factory):
+    return problem_of(tmp_path_factory.mktemp("servo"), SERVO)
+
+
+@pytest.fixture(scope="module")
+def motor(tmp_path_factory):
+    return problem_of(tmp_path_factory.mktemp("motor"), MOTOR, kind="effort", size=0.5)
+
+
+class TestStructures:
+    @pytest.mark.parametrize("name", STRUCTURES)
+    def test_are_whole_on_a_servo_and_every_effect_acts(self, servo, name):
+        effects, missing = structure(name, servo)
+        assert not missing
+        assert tuple(effects) == STRUCTURES[name]
+        (replay,) = servo.fit.told
+        terms = candidate_terms(
+            [CATALOGUE[effect] for effect in effects], servo.robots, servo.joints
+        )
+        assert len(terms) == len(effects)
+        for term in terms:
+            alone = Structure((term,), servo.robots)
+            start = [slot.parameter.starts[-1] for slot in alone.slots]
+            values = np.array([alone.zero, start])
+            without, with_it = replay.predict(alone.trials(servo.robots[0], values))
+            assert np.abs(with_it - without).max() > 1e-4, term.effect.name
+
+    @pytest.mark.parametrize("name", STRUCTURES)
+    def test_go_without_a_velocity_gain_on_a_motor(self, motor, name):
+        effects, missing = structure(name, motor)
+        assert missing == (() if name == "PACE" else ("velocity_gain",))
+        assert set(effects) == set(STRUCTURES[name]) - {"velocity_gain"}
+
+    def test_have_as_many_parameters_as_published_or_say_why_not(self, servo):
+        counts = {}
+        for name in STRUCTURES:
+            effects, _ = structure(name, servo)
+            terms = [CATALOGUE[effect] for effect in effects]
+            counts[name] = len(
+                Structure(candidate_terms(terms, servo.robots, servo.joints), servo.robots).slots
+            )
+        # Of PACE the four of a joint and the delay; of BAM's the motor's five and its friction.
+        assert counts == {
+            "PACE": 5,
+            "BAM M1": 7,
+            "BAM M2": 10,
+            "BAM M3": 8,
+            "BAM M4": 11,
+            "BAM M5": 11,
+            "BAM M6": 12,
+        }
+
+    def test_recover_what_is_in_them(self, servo):
+        effects, _ = structure("PACE", servo)
+        fitted = gap.fit(servo, effects)
+        assert fitted.gap.position.after < 0.02 * fitted.gap.position.before
+        assert fitted.value("coulomb_friction", "frictionloss") == pytest.approx(0.2, rel=0.05)
+
+
+@pytest.mark.skipif(not mujoco_sysid.available(), reason="needs pip install 'mujoco[sysid]'")
+class TestMujocoSysid:
+    @pytest.mark.parametrize("which", ["servo", "motor"])
+    def test_recovers_what_was_planted(self, which, request):
+        problem = request.getfixturevalue(which)
+        found = mujoco_sysid.identify(problem)
+        assert set(found.values) == {f"{JOINT}/{name}" for name in TRUE}
+        for name, value in TRUE.items():
+            assert found.values[f"{JOINT}/{name}"] == pytest.approx(value, rel=0.05), name
+        size = gap.replay(problem, found.robots).gap.position
+        assert size.after < 0.03 * size.before
+
+    def test_writes_its_values_to_the_robots_that_are_judged(self, servo):
+        found = mujoco_sysid.identify(servo, iterations=2)
+        model = found.robots[0].model
+        assert model.dof_armature[0] == pytest.approx(found.values[f"{JOINT}/armature"])
+        assert model.dof_damping[0] == pytest.approx(found.values[f"{JOINT}/damping"])
+        assert model.dof_frictionloss[0] == pytest.approx(found.values[f"{JOINT}/frictionloss"])
