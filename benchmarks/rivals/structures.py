@@ -23,11 +23,13 @@ commands) under one of six models of friction:
 
 Its motor is `torque_constant` (kt/R) and `velocity_gain` (kt²/R, the back-EMF), which the model's
 effort limit clips here while BAM clips the voltage before it: what is beyond, viscous friction
-takes up. A drive that takes efforts has no gain to change, and goes without. BAM's friction of the
-load is a|τ_drive| + b|τ_external|, with a = b up to M4. In steady motion that makes the drive's
-effort worth (1 − a)/(1 + b) when it drives and (1 + a)/(1 − b) when it is driven. With kt free these
-are the two numbers of `directional_efficiency`, whose mean is the torque constant: M5 and M6 have
-it in place of both `torque_constant` and `load_dependent_friction`, and span no more than M4 there.
+takes up. A drive that takes efforts has no gain to change, and goes without.
+
+BAM's friction of the load is a|τ_drive| + b|τ_external|, with a = b up to M4. In steady motion it
+makes the drive's effort worth (1 − a)/(1 + b) when it drives and (1 + a)/(1 − b) when it is driven.
+With kt free these are the two numbers of `directional_efficiency`, whose mean is the torque
+constant: M5 and M6 have it in place of both `torque_constant` and `load_dependent_friction`, and
+span no more than M4 does there.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.structure import Structure, candidate_terms
 
 JOINT = "shaft"
-SERVO = '<position joint="shaft" kp="20" kv="0.6" forcerange="-3 3"/>'
+SERVO = '<position joint="shaft" kp="20" kv="0.6" forcerange="-8 8"/>'
 MOTOR = '<motor joint="shaft"/>'
 TRUE = {"armature": 0.012, "damping": 0.15, "frictionloss": 0.2}
 # As dry as it goes at that timestep.
@@ -28,7 +28,7 @@ def bench(actuator, joint="", timestep=0.001):
 """
 
 
-def recorded(xml, name, target, *, kind="position", seconds=2.0, every=8):
+def recorded(xml, name, target, *, kind="position", seconds=1.2, every=8):
     """What a robot at half the timestep does with a target, logged at 250 Hz."""
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
@@ -45,14 +45,14 @@ def recorded(xml, name, target, *, kind="position", seconds=2.0, every=8):
     return gap.Recording(name=name, time=np.array(time), columns=signals)
 
 
-def problem_of(folder, actuator, *, kind="position", size=0.8):
+def problem_of(folder, actuator, *, kind="position", size=0.4):
     path = folder / "bench.xml"
     path.write_text(bench(actuator), encoding="utf-8")
     attributes = " ".join(f'{name}="{value}"' for name, value in TRUE.items())
     true = bench(actuator, f"{attributes} {DRY}", timestep=0.0005)
-    fast = recorded(true, "fast", lambda t: size * np.sin(5 * t + 3 * t**2), kind=kind)
-    slow = recorded(true, "slow", lambda t: size * np.sin(4 * t), kind=kind)
-    held = recorded(true, "held", lambda t: size * np.sign(np.sin(6 * t)), kind=kind)
+    fast = recorded(true, "fast", lambda t: size * np.sin(4 * t + 4 * t**2), kind=kind)
+    slow = recorded(true, "slow", lambda t: size * np.sin(3 * t), kind=kind)
+    held = recorded(true, "held", lambda t: size * np.sin(7 * t), kind=kind)
     return gap.load(path, [fast, slow, held], held_out=[held])
 
 
@@ -63,26 +63,24 @@ def servo(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def motor(tmp_path_factory):
-    return problem_of(tmp_path_factory.mktemp("motor"), MOTOR, kind="effort", size=0.5)
+    return problem_of(tmp_path_factory.mktemp("motor"), MOTOR, kind="effort", size=0.8)
 
 
 class TestStructures:
     @pytest.mark.parametrize("name", STRUCTURES)
-    def test_are_whole_on_a_servo_and_every_effect_acts(self, servo, name):
+    def test_are_whole_on_a_servo(self, servo, name):
         effects, missing = structure(name, servo)
         assert not missing
         assert tuple(effects) == STRUCTURES[name]
-        (replay,) = servo.fit.told
-        terms = candidate_terms(
-            [CATALOGUE[effect] for effect in effects], servo.robots, servo.joints
-        )
-        assert len(terms) == len(effects)
-        for term in terms:
-            alone = Structure((term,), servo.robots)
-            start = [slot.parameter.starts[-1] for slot in alone.slots]
-            values = np.array([alone.zero, start])
-            without, with_it = replay.predict(alone.trials(servo.robots[0], values))
-            assert np.abs(with_it - without).max() > 1e-4, term.effect.name
+
+    @pytest.mark.parametrize("name", sorted({name for of in STRUCTURES.values() for name in of}))
+    def test_have_effects_that_act_on_a_servo(self, servo, name):
+        terms = candidate_terms([CATALOGUE[name]], servo.robots, servo.joints)
+        alone = Structure(terms, servo.robots)
+        start = [slot.parameter.starts[-1] for slot in alone.slots]
+        trials = alone.trials(servo.robots[0], np.array([alone.zero, start]))
+        without, with_it = servo.held.told[0].predict(trials)
+        assert np.abs(with_it - without).max() > 1e-4
 
     @pytest.mark.parametrize("name", STRUCTURES)
     def test_go_without_a_velocity_gain_on_a_motor(self, motor, name):
@@ -108,12 +106,6 @@ class TestStructures:
             "BAM M5": 11,
             "BAM M6": 12,
         }
-
-    def test_recover_what_is_in_them(self, servo):
-        effects, _ = structure("PACE", servo)
-        fitted = gap.fit(servo, effects)
-        assert fitted.gap.position.after < 0.02 * fitted.gap.position.before
-        assert fitted.value("coulomb_friction", "frictionloss") == pytest.approx(0.2, rel=0.05)
 
 
 @pytest.mark.skipif(not mujoco_sysid.available(), reason="needs pip install 'mujoco[sysid]'")
