@@ -8,7 +8,7 @@ Every figure is what `gap.replay` leaves on the recordings that are held out:
 - the model as given;
 - `mujoco.sysid` with armature, damping and frictionloss of each joint (`rivals.mujoco_sysid`), its
   own optimizer on the same recordings; it needs the extra `mujoco[sysid]`;
-- PACE's set of parameters and BAM's six models as structures of our catalogue, fitted by `gap.fit`
+- PACE's set of parameters and BAM's six models as structures of our catalogue, fitted by our means
   (`rivals.structures` says where that is approximate: what is compared is the structure, not their
   optimizers or their code);
 - `gap.diagnose`, which is told none of these.
@@ -27,7 +27,7 @@ import numpy as np
 from benchmarks import Row
 from benchmarks.rivals import mujoco_sysid
 from benchmarks.rivals.logs import LOGS, Figure, RealLog
-from benchmarks.rivals.structures import STRUCTURES, structure
+from benchmarks.rivals.structures import STRUCTURES, fit, structure
 from walkerkit import gap
 from walkerkit.gap.search.problem import Problem
 
@@ -89,12 +89,13 @@ def _methods(log: RealLog, problem: Problem, *, quick: bool) -> Iterator[_Reache
             print(f"{log.name}: {name} left out: {reason}", flush=True)
             continue
         start = time.perf_counter()
-        fitted = gap.fit(problem, effects)
+        robots, parameters = fit(problem, effects)
+        seconds = time.perf_counter() - start
         yield _Reached(
             method=name,
-            figure=log.figure(problem, fitted.gap),
-            parameters=sum(len(effect.parameters) for effect in fitted.effects),
-            seconds=time.perf_counter() - start,
+            figure=log.figure(problem, gap.replay(problem, robots).gap),
+            parameters=parameters,
+            seconds=seconds,
             note=f"without {', '.join(missing)}" if missing else "",
         )
     if not quick:

@@ -1,7 +1,8 @@
-"""Published sets of parameters as structures of the catalogue, to be fitted by `gap.fit`.
+"""Published sets of parameters as structures of the catalogue, fitted by its own means.
 
     effects, missing = structure("BAM M4", problem)
-    gap.fit(problem, effects)
+    robots, n_parameters = fit(problem, effects)
+    gap.replay(problem, robots).gap
 
 PACE (Bjelonic, Tischhauser, Hutter, "Towards bridging the gap: systematic sim-to-real transfer for
 diverse legged robots", 2025) fits armature, viscous and Coulomb friction and the bias of each
@@ -34,9 +35,18 @@ span no more than M4 does there.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
+
+from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.fit import fit as improve
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import candidate_terms
+from walkerkit.gap.simulation.mend import mend
+from walkerkit.gap.simulation.robot import Robot
 
 _PLAIN = ("armature", "viscous_friction", "coulomb_friction", "encoder_offset", "command_delay")
 _MOTOR = (*_PLAIN, "velocity_gain")
@@ -51,6 +61,8 @@ STRUCTURES: dict[str, tuple[str, ...]] = {
     "BAM M6": (*_MOTOR, "stribeck_friction", "directional_efficiency", "quadratic_drag"),
 }
 _OPTIONAL = ("velocity_gain",)
+_SURE = ("armature", "viscous_friction", "coulomb_friction")
+_ITERATIONS = 40
 
 
 def structure(name: str, problem: Problem) -> tuple[dict[str, str], tuple[str, ...]]:
@@ -75,3 +87,30 @@ def structure(name: str, problem: Problem) -> tuple[dict[str, str], tuple[str, .
         else:
             raise ValueError(f"{effect} can act on no joint")
     return effects, tuple(missing)
+
+
+def fit(problem: Problem, effects: Mapping[str, str]) -> tuple[tuple[Robot, ...], int]:
+    """Fits a structure in two ways, and keeps the one that fits better.
+
+    `gap.fit` adds the effects one by one, and what it adds first may take the place of what comes
+    later. From armature and friction together it is another way down.
+
+    Args:
+        problem: what `gap.load` returned.
+        effects: what `structure` returned.
+
+    Returns:
+        The mended robots, one per experiment, and the number of parameters.
+    """
+    fitted = gap.fit(problem, effects)
+    structure = fitted.fit.structure
+    together = structure.zero.copy()
+    for k, slot in enumerate(structure.slots):
+        if slot.term.effect.name in _SURE:
+            together[k] = slot.parameter.starts[0]
+    together = np.clip(together, *structure.bounds)
+    objective = problem.fit.objective
+    starts = evaluate(objective, [(structure, fitted.fit.values), (structure, together)])
+    best = min(improve(objective, starts, iterations=_ITERATIONS), key=lambda one: one.score)
+    trials = (structure.trials(robot, best.values[None]) for robot in problem.robots)
+    return tuple(map(mend, trials)), len(best.values)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from benchmarks.rivals import mujoco_sysid
-from benchmarks.rivals.structures import STRUCTURES, structure
+from benchmarks.rivals.structures import STRUCTURES, fit, structure
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.structure import Structure, candidate_terms
@@ -106,6 +106,13 @@ class TestStructures:
             "BAM M5": 11,
             "BAM M6": 12,
         }
+
+    def test_are_fitted_to_the_end_although_one_effect_can_take_the_place_of_another(self, servo):
+        names = ("armature", "viscous_friction", "coulomb_friction", "command_delay")
+        robots, parameters = fit(servo, dict.fromkeys(names, "*"))
+        assert parameters == len(names)
+        assert robots[0].model.dof_armature[0] == pytest.approx(TRUE["armature"], rel=0.1)
+        assert robots[0].model.dof_frictionloss[0] == pytest.approx(TRUE["frictionloss"], rel=0.02)
 
 
 @pytest.mark.skipif(not mujoco_sysid.available(), reason="needs pip install 'mujoco[sysid]'")
