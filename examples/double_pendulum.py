@@ -9,6 +9,7 @@ The joints are driven by effort, so the replays restart from the measured state 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from _data import folder
@@ -18,13 +19,14 @@ from walkerkit import gap
 HELD_OUT = ("20230629-144003.csv", "20230629-144115.csv")
 
 
-def main(out: Path) -> gap.Result:
-    """Diagnoses the recordings and writes the result."""
+def main(out: Path, effects: Sequence[str] | None = None) -> gap.Result:
+    """Diagnoses the recordings, with the whole catalogue or some effects, and writes the result."""
     data = folder("double_pendulum")
     result = gap.diagnose(
         data / "double_pendulum.xml",
         sorted(data.glob("*.csv")),
         held_out=[data / name for name in HELD_OUT],
+        effects=effects,
     )
     result.save(out)
     return result

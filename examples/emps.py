@@ -10,6 +10,7 @@ the position; the effort shows it.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,14 @@ from _data import folder
 from walkerkit import gap
 
 
-def main(out: Path) -> gap.Result:
-    """Diagnoses the recordings and writes the result."""
+def main(out: Path, effects: Sequence[str] | None = None) -> gap.Result:
+    """Diagnoses the recordings, with the whole catalogue or some effects, and writes the result."""
     data = folder("emps")
     result = gap.diagnose(
         data / "emps.xml",
         [data / "identification.csv", data / "pulses.csv"],
         held_out=[data / "pulses.csv"],
+        effects=effects,
     )
     result.save(out)
     return result

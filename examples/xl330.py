@@ -9,6 +9,7 @@ the named effects are shared. The `sin_sin` recordings are held out.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from _data import folder
@@ -34,9 +35,10 @@ def manifest(data: Path, path: Path) -> Path:
     return path
 
 
-def main(out: Path) -> gap.Result:
-    """Diagnoses the manifest and writes the result."""
-    result = gap.diagnose(manifest(folder("xl330").resolve(), out / "as_given.toml"))
+def main(out: Path, effects: Sequence[str] | None = None) -> gap.Result:
+    """Diagnoses the manifest, with the whole catalogue or some effects, and writes the result."""
+    given = manifest(folder("xl330").resolve(), out / "as_given.toml")
+    result = gap.diagnose(given, effects=effects)
     result.save(out)
     return result
 
