@@ -195,7 +195,7 @@ class _Search:
         fits, evidence = list(tried.fits), Evidence.joined([base, tried.evidence])
         # The numerical error was that of the current model; those who could win get their own.
         for i in _finalists(evidence):
-            fits[i], own = self._raced(fits[i])
+            fits[i], own = self._finalist(fits[i])
             evidence = evidence.replaced(i + 1, own)
         winner = self._winner(current, fits, evidence)
         if winner is None:
@@ -439,13 +439,12 @@ class _Search:
                 break
         return current, weigh(self._problem, [current])
 
-    def _raced(self, current: Fit) -> tuple[Fit, Evidence]:
-        """As `_settled`, fitted to the recordings of the race alone."""
-        race = self._problem.race
-        race.refine(current)
-        start = evaluate(race.objective, [(current.structure, current.values)])[0]
-        current = fit(race.objective, [start], iterations=_REFITS)[0]
+    def _finalist(self, current: Fit) -> tuple[Fit, Evidence]:
+        """As the present explanation was: fitted to all recordings, its numerical error its own."""
+        objective = self._problem.fit.objective
         self._refine(current)
+        (start,) = evaluate(objective, [(current.structure, current.values)])
+        (current,) = fit(objective, [start], iterations=_REFITS)
         return current, weigh(self._problem, [current])
 
     def _refine(self, current: Fit) -> None:
