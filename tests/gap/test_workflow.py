@@ -337,13 +337,13 @@ def test_what_the_catalogue_lacks_is_not_explained(servo: Path, missing: str, si
 
 
 @pytest.mark.parametrize(
-    ("missing", "size", "expected"), [("dead_zone", 0.05, "controller_deadband"), ("", 0.0, None)]
+    ("missing", "size", "expected"), [("bias", 0.3, "torque_bias"), ("", 0.0, None)]
 )
 def test_the_whole_catalogue(servo: Path, missing: str, size: float, expected: str | None) -> None:
     found = diagnose(servo, pendulum(1, **({missing: size} if missing else {})), effects=None)
     assert [named.effect for named in found.effects] == ([expected] if expected else [])
     for named in found.effects:
-        assert values(named) == pytest.approx({"width": size}, rel=0.1)
+        assert values(named) == pytest.approx({"bias": size}, rel=0.1)
 
 
 # What no data of these channels can part is said to be the same
