@@ -144,7 +144,8 @@ def diagnose(
     )
     chosen = _effects(effects)
     problem, rounds = _best_hold(setup, chosen, progress)
-    if setup.may_split_in_time and rounds[-1].candidates and not rounds[-1].fit.structure.terms:
+    last = rounds[-1]
+    if setup.may_split_in_time and last.one_sided and not last.fit.structure.terms:
         # An effect that one recording alone excites can be neither fitted nor confirmed on others.
         in_time = setup.split_in_time()
         other_problem, other_rounds = _best_hold(in_time, chosen, progress)

@@ -80,6 +80,8 @@ class Effect(abc.ABC):
         shared: the same cause usually acts on all joints (a bus, a filter), so that one value for
             all is preferred where the data allow it.
         fitted: its numbers are fitted; otherwise they are chosen among their starts.
+        ordinary: every model has its number a little wrong: of effects that explain as much it is
+            the first to be named.
         extends: effects of which this one is a generalisation. It explains at least as much, and
             is worth a thought only where it explains more.
     """
@@ -92,6 +94,7 @@ class Effect(abc.ABC):
     kind: ClassVar[SiteKind] = "joint"
     shared: ClassVar[bool] = False
     fitted: ClassVar[bool] = True
+    ordinary: ClassVar[bool] = False
     extends: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:

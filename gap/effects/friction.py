@@ -12,6 +12,7 @@ class ViscousFriction(JointEffect):
     """Friction that grows with speed. Back-EMF of a voltage-driven motor has the same form."""
 
     name = "viscous_friction"
+    ordinary = True
     equation = "τ = −b q̇, b: damping [N·m·s/rad]"
     symptom = "grows with speed"
     added_as = "joint damping"
@@ -45,6 +46,7 @@ class CoulombFriction(JointEffect):
     """Dry friction: constant, against the motion."""
 
     name = "coulomb_friction"
+    ordinary = True
     equation = "τ = −Fc sgn q̇, Fc: frictionloss [N·m]"
     symptom = "jump at velocity reversal"
     added_as = (

@@ -19,6 +19,7 @@ class Armature(JointEffect):
     """Inertia of the rotor and gears as it appears at the joint."""
 
     name = "armature"
+    ordinary = True
     equation = "τ = −Iₐ q̈, Iₐ: armature [kg·m²]"
     symptom = "proportional to acceleration"
     added_as = "joint armature"

@@ -29,12 +29,14 @@ class Evidence:
 
     Attributes:
         mean_square: (n_fits, n_scored) mean square gaps of the held-out recordings.
+        fitted_mean_square: (n_fits, n_scored) those of the fitted ones.
         held: (n_fits,) scores of the held-out recordings.
         both: (n_fits,) means of the scores of fitted and of held-out recordings.
         held_resampled, both_resampled: (n_resamples, n_fits).
     """
 
     mean_square: FloatArray
+    fitted_mean_square: FloatArray
     held: FloatArray
     both: FloatArray
     held_resampled: FloatArray
@@ -45,6 +47,7 @@ class Evidence:
         """The fits of several pieces of evidence, one after the other."""
         return cls(
             mean_square=np.concatenate([part.mean_square for part in parts]),
+            fitted_mean_square=np.concatenate([part.fitted_mean_square for part in parts]),
             held=np.concatenate([part.held for part in parts]),
             both=np.concatenate([part.both for part in parts]),
             held_resampled=np.concatenate([part.held_resampled for part in parts], axis=1),
@@ -56,6 +59,7 @@ class Evidence:
         k = np.asarray(fits, dtype=np.intp)
         return Evidence(
             mean_square=self.mean_square[k],
+            fitted_mean_square=self.fitted_mean_square[k],
             held=self.held[k],
             both=self.both[k],
             held_resampled=self.held_resampled[:, k],
@@ -72,9 +76,10 @@ class Evidence:
 def weigh(problem: Problem, fits: Sequence[Fit]) -> Evidence:
     """Simulates the fits on all recordings and resamples their scores."""
     held, held_resampled, mean_square = _scores(problem.held.objective, fits)
-    fitted, fitted_resampled, _ = _scores(problem.fit.objective, fits)
+    fitted, fitted_resampled, fitted_mean_square = _scores(problem.fit.objective, fits)
     return Evidence(
         mean_square=mean_square,
+        fitted_mean_square=fitted_mean_square,
         held=held,
         both=0.5 * (held + fitted),
         held_resampled=held_resampled,

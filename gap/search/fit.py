@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.objective import Case, Moves, Objective
 from walkerkit.gap.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
@@ -123,31 +123,45 @@ def _leader(fits: Sequence[Fit], race: Sequence[int], which: int) -> float:
     return min(one.score for one, own in zip(fits, race, strict=True) if own == which)
 
 
-def _perturbed(current: Fit) -> tuple[FloatArray, FloatArray]:
-    """Values with one parameter moved each, away from its bound, and the signed moves."""
+@dataclass(frozen=True, kw_only=True)
+class _Perturbed:
+    """A fit, and every parameter moved a little, away from its bound.
+
+    Attributes:
+        case: the values as they are, then with as many moved at once as cannot meet.
+        move: (n_parameters,) the signed moves.
+        moves: where each of them is.
+    """
+
+    case: Case
+    move: FloatArray
+    moves: Moves
+
+
+def _perturbed(objective: Objective, current: Fit) -> _Perturbed:
     structure = current.structure
     _, upper = structure.bounds
     move = _PERTURBATION * structure.scale
     move = np.where(current.values + move > upper, -move, move)
-    return current.values + np.diag(move), move
+    moves = objective.moves(structure.branches)
+    values = np.tile(current.values, (2 + int(moves.row.max(initial=-1)), 1))
+    values[1 + moves.row, np.arange(len(move))] += move
+    return _Perturbed(case=Case(structure=structure, values=values), move=move, moves=moves)
 
 
 def _normal_equations(
     objective: Objective, fits: Sequence[Fit]
 ) -> list[tuple[FloatArray, FloatArray]]:
     """JᵀWJ and JᵀWr of every fit, in units of the parameters' scales."""
-    moved = [_perturbed(one) for one in fits]
-    cases = [
-        Case(structure=one.structure, values=np.vstack([one.values, values]))
-        for one, (values, _) in zip(fits, moved, strict=True)
-    ]
+    moved = [_perturbed(objective, one) for one in fits]
+    cases = [one.case for one in moved]
     equations = []
     for group in objective.grouped(cases):
-        linearised = objective.linearised(cases[group])
-        for one, (_, move), (residual, changes) in zip(
+        linearised = objective.linearised(cases[group], [one.moves for one in moved[group]])
+        for one, perturbed, (residual, changes) in zip(
             fits[group], moved[group], linearised, strict=True
         ):
-            jacobian = _jacobian(one, changes, move)
+            jacobian = _jacobian(one, changes, perturbed.move)
             weighted = jacobian * objective.weights(one.mean_square)
             flat = weighted.reshape(len(jacobian), -1)
             equations.append(
@@ -166,10 +180,9 @@ def jacobian(objective: Objective, one: Fit) -> FloatArray:
     """(n_parameters, rows, n_scored) what each parameter changes, per scale."""
     if not len(one.values):
         return np.zeros((0, *objective.measured.shape))
-    values, move = _perturbed(one)
-    case = Case(structure=one.structure, values=np.vstack([one.values, values]))
-    ((_, changes),) = objective.linearised([case])
-    return _jacobian(one, changes, move)
+    perturbed = _perturbed(objective, one)
+    ((_, changes),) = objective.linearised([perturbed.case], [perturbed.moves])
+    return _jacobian(one, changes, perturbed.move)
 
 
 def _steps(one: Fit, normal: FloatArray, gradient: FloatArray) -> FloatArray:
@@ -210,10 +223,9 @@ def covariance(objective: Objective, one: Fit) -> tuple[FloatArray, FloatArray]:
         scored channels. Below `INSENSITIVE` the recordings say nothing of it, and `fit` leaves it
         where it started.
     """
-    values, move = _perturbed(one)
-    case = Case(structure=one.structure, values=np.vstack([one.values, values]))
-    ((residual, changes),) = objective.linearised([case])
-    jacobian = _jacobian(one, changes, move)
+    perturbed = _perturbed(objective, one)
+    ((residual, changes),) = objective.linearised([perturbed.case], [perturbed.moves])
+    jacobian = _jacobian(one, changes, perturbed.move)
     weighted = jacobian * objective.weights(one.mean_square)
     normal = np.einsum("irc,jrc->ij", weighted, jacobian)
     pull = np.einsum("irc,rc->ir", weighted, residual)

@@ -26,7 +26,7 @@ from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
 from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried, merged
-from walkerkit.gap.search.worth import close_to, confidence, least_gain, worth_it
+from walkerkit.gap.search.worth import close_to, confidence, least_gain, one_sided, tied, worth_it
 
 FloatArray = NDArray[np.float64]
 _Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and whether shared
@@ -78,6 +78,8 @@ class Round:
         confidence: how often resampled recordings prefer it, ties shared.
         fit: everything named so far, fitted jointly.
         evidence: what the recordings say of that fit, in the light of its own numerical error.
+        one_sided: the recordings that are fitted speak for something of which those that are held
+            out know nothing, or the other way round.
     """
 
     candidates: tuple[Candidate, ...]
@@ -85,6 +87,7 @@ class Round:
     confidence: float
     fit: Fit
     evidence: Evidence
+    one_sided: bool = False
 
 
 def name_effects(
@@ -247,7 +250,7 @@ class _Search:
             self._progress(stage.format("screening"), 0.0)
         for half in {id(h): h for h in (problem.screen, problem.race)}.values():
             half.refine(current)
-        view = look(problem.screen, current, [v for term in terms for v in term.variants])
+        view = look(problem.screen, current, terms)
         starts = self._starters(view)
         if not starts:
             self._tried[key] = none
@@ -273,8 +276,13 @@ class _Search:
         """
         held, noise = self._problem.held, self._problem.noise
         told = Objective(held.told, self._problem.channels, held.objective.floor)
-        gaps = (base.mean_square[0], told.as_it_is([_case(current)])[0][0])
-        return any((np.sqrt(gap) <= _AT_FLOOR * noise).all() for gap in gaps)
+        as_told = told.as_it_is([_case(current)])[0][0]
+        # What half the timestep changes is taken out already, though not to the last digit.
+        blurred = np.hypot(noise, held.objective.numerical_size())
+        return bool(
+            (np.sqrt(as_told) <= _AT_FLOOR * noise).all()
+            or (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * blurred).all()
+        )
 
     def _starters(self, view: View) -> list[tuple[Structure, FloatArray]]:
         """The singles that are worth a race, from where a few steps have taken them.
@@ -348,6 +356,7 @@ class _Search:
             k
             for k, one in enumerate(fits, start=1)
             if self._is_better(contest, k, _size(one) > _size(own))
+            or (_more_ordinary(one, own) and tied(contest, len(problem.channels), k))
         ]
         return _Contest(
             fits=(own, *fits),
@@ -422,6 +431,7 @@ class _Search:
                 confidence=0.0,
                 fit=current,
                 evidence=base,
+                one_sided=one_sided(problem, Evidence.joined([base, tried.evidence])),
             )
         )
         return tuple(rounds)
@@ -480,7 +490,12 @@ def _case(one: Fit) -> Case:
 
 
 def _key(structure: Structure) -> _Key:
-    return frozenset((term.effect.name, term.sites, term.shared) for term in structure.terms)
+    return frozenset(structure.key)
+
+
+def _more_ordinary(one: Fit, other: Fit) -> bool:
+    """Whether the last effect of a fit is one that every model has a little wrong."""
+    return one.structure.terms[-1].effect.ordinary and not other.structure.terms[-1].effect.ordinary
 
 
 def _size(one: Fit) -> tuple[int, int]:

@@ -8,20 +8,26 @@ gaps that are five per cent smaller.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.structure import Structure
+from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.replay import Channel, Replay
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
+_Float = TypeVar("_Float", np.float32, np.float64)
 
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
 _FACTORS = ((0.0, 3.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
+_REMEMBERED = 4  # values at which the numerical error is known
 _SWEEPS = 30
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _BLOCK = 0.5  # s; longer than the memory of a joint's error
@@ -38,6 +44,26 @@ class Case:
 
     structure: Structure
     values: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moves:
+    """Rows of a case that each move several numbers at once, which show in different channels.
+
+    Attributes:
+        row: (n_moves,) index of the row in which each is moved.
+        shown: (n_moves, n_scored) bool, the channels in which each can show.
+    """
+
+    row: NDArray[np.intp]
+    shown: NDArray[np.bool_]
+
+    def apart(self, changes: NDArray[_Float]) -> NDArray[_Float]:
+        """(n_rows, rows, n_scored) changes → (n_moves, rows, n_scored)."""
+        if self.shown.all():
+            return changes[self.row]
+        zero = changes.dtype.type(0)
+        return np.where(self.shown[:, None, :], changes[self.row], zero)
 
 
 class Objective:
@@ -69,6 +95,7 @@ class Objective:
         # A channel that only other recordings have counts, but nothing can change its score.
         self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
         self.block = _blocks(replays)
+        self._refined: OrderedDict[Hashable, FloatArray] = OrderedDict()
 
     def refine(self, finer: Sequence[Objective], case: Case) -> None:
         """Takes the numerical error at some values as that of all that will be simulated.
@@ -79,9 +106,38 @@ class Objective:
             case: one row of values.
         """
         self.numerical = np.zeros((0, *self.measured.shape))
-        residuals = [one.residuals([case])[0][0] for one in (self, *finer)]
-        if all(np.isfinite(residual).all() for residual in residuals):
-            self.numerical = np.diff(np.stack(residuals), axis=0)
+        key = (*case.structure.key, case.values.tobytes())
+        if key not in self._refined:
+            residuals = [one.residuals([case])[0][0] for one in (self, *finer)]
+            if not all(np.isfinite(residual).all() for residual in residuals):
+                residuals = residuals[:1]
+            while len(self._refined) >= _REMEMBERED:
+                self._refined.popitem(last=False)
+            self._refined[key] = np.diff(np.stack(residuals), axis=0)
+        self.numerical = self._refined[key]
+
+    def moves(self, only: Sequence[int | None]) -> Moves:
+        """Puts moves in different branches of the robots into one row.
+
+        Args:
+            only: the only branch that each move can change, or None.
+        """
+        of_channel = self._branch_of_channel
+        taken: dict[int | None, int] = {}
+        row = np.zeros(len(only), dtype=np.intp)
+        shown = np.ones((len(only), len(self.channels)), dtype=bool)
+        alone = sum(branch is None for branch in only)
+        for k, branch in enumerate(only):
+            row[k] = taken.get(branch, 0 if branch is None else alone)
+            taken[branch] = int(row[k]) + 1
+            if branch is not None:
+                shown[k] = [own in (None, branch) for own in of_channel]
+        return Moves(row=row, shown=shown)
+
+    @cached_property
+    def _branch_of_channel(self) -> tuple[int | None, ...]:
+        of_joint, _ = branches(self.replays[0].robot)
+        return tuple(of_joint.get(channel.joint) for channel in self.channels)
 
     @property
     def steps(self) -> int:
@@ -101,6 +157,12 @@ class Objective:
         """As `residuals`, with the numerical error in them."""
         return _per_case(self._as_simulated(cases), cases)
 
+    def numerical_size(self) -> FloatArray:
+        """(n_scored,) root mean square of what a finer timestep changes; 0 where unknown."""
+        if not len(self.numerical):
+            return np.zeros(len(self.channels))
+        return np.sqrt(self.mean_square(self.numerical[0]))
+
     def numerical_bounds(self) -> FloatArray:
         """(k, 2) between which the factors of the numerical changes lie."""
         return np.array(_FACTORS[: len(self.numerical)]).reshape(-1, 2)
@@ -109,19 +171,21 @@ class Objective:
         """As `mean_squares`, with the numerical error in them."""
         return [self.mean_square(residual) for case in cases for residual in self.simulated([case])]
 
-    def linearised(self, cases: Sequence[Case]) -> list[tuple[FloatArray, FloatArray]]:
-        """The residual of each case's first row, and what its other rows change of it.
+    def linearised(
+        self, cases: Sequence[Case], moves: Sequence[Moves]
+    ) -> list[tuple[FloatArray, FloatArray]]:
+        """The residual of each case's first row, and what the moves in its other rows change of it.
 
         Numerical errors follow the change as far as they are free to (Kaufman, BIT 15, 1975), and
         not beyond: where they reach a bound the gap bends, and its slope ahead says nothing of
         that behind.
 
         Returns:
-            Per case (rows, n_scored), and (n − 1, rows, n_scored) with NaN for what diverged.
+            Per case (rows, n_scored), and (n_moves, rows, n_scored) with NaN for what diverged.
         """
         found = []
-        for residual in _per_case(self._as_simulated(cases), cases):
-            changes, at = residual[1:] - residual[:1], residual[:1]
+        for residual, own in zip(_per_case(self._as_simulated(cases), cases), moves, strict=True):
+            changes, at = own.apart(residual[1:] - residual[:1]), residual[:1]
             weights = self._numerical_weights(at)[0]
             (factors,) = self._take_out_numerical_error(at)
             low, high = np.array(_FACTORS[: len(factors)]).reshape(-1, 2).T

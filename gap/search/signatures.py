@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.fit import Fit, jacobian
-from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.objective import Case, Moves, Objective
 from walkerkit.gap.search.problem import Half
 from walkerkit.gap.search.structure import Structure, Term, carried
 
@@ -235,10 +235,11 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     Args:
         half: the recordings, refined at the fit.
         current: what is already explained.
-        terms: the effects.
+        terms: the effects. One that all joints share is also looked at with a value for each,
+            where what it changes of each joint, by as much as suits that joint, promises anything.
 
     Returns:
-        The view, with a candidate per term in their order.
+        The view, with a candidate per term in their order, and then those with a value for each.
     """
     objective = half.objective
     own = Case(structure=current.structure, values=current.values[None])
@@ -246,41 +247,85 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     slopes = jacobian(objective, current)
     slopes = slopes[np.square(slopes).sum(axis=(1, 2)) > 0]
     nuisance = np.concatenate([slopes, objective.numerical])
-    found = []
-    cases = [_tries(current, term) for term in terms]
-    flat = [case for _, _, case in cases]
-    for group in objective.grouped(flat):
-        for (term, (places, values, _)), block in zip(
-            list(zip(terms, cases, strict=True))[group],
-            objective.simulated(flat[group]),
-            strict=True,
-        ):
-            changes = (block - simulated).astype(np.float32)
-            fine = np.isfinite(changes).all(axis=(1, 2)) & (changes != 0).any(axis=(1, 2))
-            found.append(
-                _Simulated(
-                    term=term,
-                    places=tuple(p for p, good in zip(places, fine, strict=True) if good),
-                    values=tuple(v for v, good in zip(values, fine, strict=True) if good),
-                    changes=changes[fine],
-                )
-            )
+    found = _simulate(objective, current, simulated, terms)
+    apart = [
+        replace(term, shared=False)
+        for term, one in zip(terms, found, strict=True)
+        if term.shared and _promise_apart(objective, simulated, one.changes) > _NEEDED
+    ]
+    found += _simulate(objective, current, simulated, apart)
     return View(objective, current, simulated, nuisance, found)
 
 
-def _tries(current: Fit, term: Term) -> tuple[list[str], list[FloatArray], Case]:
-    """Each magnitude at each place: the places, the term's values there, and the case."""
+def _promise_apart(objective: Objective, residual: FloatArray, changes: Single) -> float:
+    """What a change of all joints takes off the score, by another multiple in every channel."""
+    along = np.einsum("trc,rc->tc", changes, residual, dtype=np.float64)
+    size = np.einsum("trc,trc->tc", changes, changes, dtype=np.float64)
+    taken = np.where(along < 0, along**2, 0.0) / np.maximum(size, 1e-300)
+    before = np.square(residual).sum(axis=0)
+    floor = objective.count * objective.floor**2
+    left = np.maximum(before - taken, 0.0) + floor
+    return float(max(0.5 * np.log((before + floor) / left).sum(axis=1), default=0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tries:
+    """A term's values at its places, (n_tries,) each, and the rows in which they are simulated."""
+
+    term: Term
+    places: tuple[str, ...]
+    values: tuple[FloatArray, ...]
+    moves: Moves
+
+    def case(self, current: Fit, row: NDArray[np.intp]) -> Case:
+        """The tries in the given rows, (n_tries,), on top of a fit."""
+        structure = current.structure.with_term(self.term)
+        start = carried(current.values, current.structure, structure)
+        values = np.tile(start, (1 + int(row.max(initial=-1)), 1))
+        for k, place, own in zip(row, self.places, self.values, strict=True):
+            values[k, structure.columns(self.term, place)] = own
+        return Case(structure=structure, values=values)
+
+
+def _simulate(
+    objective: Objective, current: Fit, simulated: FloatArray, terms: Sequence[Term]
+) -> list[_Simulated]:
+    tries = [_tries(objective, current, term) for term in terms]
+    cases = [one.case(current, one.moves.row) for one in tries]
+    found = []
+    for group in objective.grouped(cases):
+        for one, block in zip(tries[group], objective.simulated(cases[group]), strict=True):
+            changes: Single = one.moves.apart((block - simulated).astype(np.float32))
+            failed = ~np.isfinite(changes).all(axis=(1, 2))
+            if failed.any() and len(block) < len(changes):  # one may have taken others with it
+                alone = one.case(current, np.arange(len(changes)))
+                alone = replace(alone, values=alone.values[failed])
+                changes[failed] = objective.simulated([alone])[0] - simulated
+                failed = ~np.isfinite(changes).all(axis=(1, 2))
+            fine = np.flatnonzero(~failed & (changes != 0).any(axis=(1, 2)))
+            found.append(
+                _Simulated(
+                    term=one.term,
+                    places=tuple(one.places[k] for k in fine),
+                    values=tuple(one.values[k] for k in fine),
+                    changes=changes[fine],
+                )
+            )
+    return found
+
+
+def _tries(objective: Objective, current: Fit, term: Term) -> _Tries:
+    """Each magnitude at each place."""
     structure = current.structure.with_term(term)
-    start = carried(current.values, current.structure, structure)
     lower, upper = structure.bounds
-    places, own, rows = [], [], []
+    places, values, only = [], [], []
     for place in term.places:
         columns = structure.columns(term, place)
         magnitudes = [structure.slots[column].parameter.starts for column in columns]
-        for values in zip(*magnitudes, strict=True):
-            row = start.copy()
-            row[columns] = np.clip(values, lower[columns], upper[columns])
+        for magnitude in zip(*magnitudes, strict=True):
             places.append(place)
-            own.append(row[columns])
-            rows.append(row)
-    return places, own, Case(structure=structure, values=np.stack(rows))
+            values.append(np.clip(magnitude, lower[columns], upper[columns]))
+            only.append(structure.branches[columns[0]])
+    return _Tries(
+        term=term, places=tuple(places), values=tuple(values), moves=objective.moves(only)
+    )

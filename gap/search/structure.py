@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import EVERYWHERE, Effect, Parameter
+from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
@@ -38,11 +39,6 @@ class Term:
     def places(self) -> tuple[str, ...]:
         """Where each set of parameters belongs: the sites, or `*` for a shared one."""
         return (EVERYWHERE,) if self.shared else self.sites
-
-    @property
-    def variants(self) -> tuple[Term, ...]:
-        """The term, and after a shared one that with a value for each site."""
-        return (self, replace(self, shared=False)) if self.shared else (self,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +77,11 @@ class Structure:
         per_robot = [term.effect.parameters(robot, site) for robot in self.robots]
         return tuple(_common(same) for same in zip(*per_robot, strict=True))
 
+    @property
+    def key(self) -> tuple[tuple[str, tuple[str, ...], bool], ...]:
+        """Its terms by name, site, and whether they are shared, in order."""
+        return tuple((term.effect.name, term.sites, term.shared) for term in self.terms)
+
     @cached_property
     def zero(self) -> FloatArray:
         """(n_parameters,) values at which the robots are unchanged."""
@@ -97,6 +98,20 @@ class Structure:
         return (
             np.array([slot.parameter.lower for slot in self.slots]),
             np.array([slot.parameter.upper for slot in self.slots]),
+        )
+
+    @cached_property
+    def branches(self) -> tuple[int | None, ...]:
+        """(n_parameters,) the only branch of the robots that each number can change, or None."""
+        if any(term.effect.kind == "robot" for term in self.terms):
+            return (None,) * len(self.slots)  # the voltage of a supply couples the drives
+        per_robot = [branches(robot) for robot in self.robots]
+        if any(found != per_robot[0] for found in per_robot):
+            return (None,) * len(self.slots)
+        of_joint, of_body = per_robot[0]
+        return tuple(
+            (of_joint if slot.term.effect.kind == "joint" else of_body).get(slot.place)
+            for slot in self.slots
         )
 
     def with_term(self, term: Term) -> Structure:

@@ -18,28 +18,52 @@ _MARGIN = 0.04  # an effect makes gaps at least four per cent smaller, in the ge
 _MARGIN_OF_JOINT = 0.1  # or those of some joint ten per cent
 _CHANCE = 0.05
 _OVER_NOISE = 0.5  # what an effect explains of some channel, over its noise
-_OVER_NUMERICAL = 0.4  # and over what half the timestep changes, which is taken out already
+_OVER_NUMERICAL = 0.8  # and over what half the timestep changes, which is taken out already
+_MUCH_LARGER = 0.4  # a gap, as ½ log of its square
+_TIED = 0.2  # of resamples in which the second is first
 _CLOSE = 0.1  # scores, summed over the channels, this near are the same explanation
 
 
 def worth_it(problem: Problem, evidence: Evidence, k: int, base: int = 0) -> bool:
     """Whether fit `k` improves on fit `base` by more than chance and by what matters."""
-    floor = problem.held.objective.floor
-    gains = 0.5 * np.log(
-        (evidence.mean_square[base] + floor**2) / (evidence.mean_square[k] + floor**2)
-    )
-    joints = [channel.joint for channel in problem.channels]
-    of_joint = [gains[[j == joint for j in joints]].mean() for joint in dict.fromkeys(joints)]
+    of_joint = _by_joint(problem, evidence.mean_square[base], evidence.mean_square[k])
     gain = evidence.held[base] - evidence.held[k]
     large = gain >= _MARGIN or (gain > 0 and max(of_joint) >= _MARGIN_OF_JOINT)
     by_chance = np.mean(evidence.held_resampled[:, base] <= evidence.held_resampled[:, k])
     explained = np.sqrt(np.maximum(evidence.mean_square[base] - evidence.mean_square[k], 0))
     least = _OVER_NOISE * problem.noise
-    numerical = problem.held.objective.numerical
-    if len(numerical):
-        size = np.sqrt(problem.held.objective.mean_square(numerical)[0])
-        least = np.maximum(least, _OVER_NUMERICAL * size)
+    least = np.maximum(least, _OVER_NUMERICAL * problem.held.objective.numerical_size())
     return bool(large and by_chance < _CHANCE and (explained > least).any())
+
+
+def one_sided(problem: Problem, evidence: Evidence) -> bool:
+    """Whether only one half of the recordings shows something that fit 0 does not explain.
+
+    Another fit explains a part of those that were fitted but not of those that were held out, or
+    the gap of those that were held out is much larger to begin with.
+    """
+    for k in range(1, len(evidence.held)):
+        fitted = evidence.fitted_mean_square
+        gained = _by_joint(problem, fitted[0], fitted[k])
+        if max(gained) >= _MARGIN_OF_JOINT and not worth_it(problem, evidence, k):
+            return True
+    excess = _by_joint(problem, evidence.mean_square[0], evidence.fitted_mean_square[0])
+    return max(excess) > _MUCH_LARGER
+
+
+def _by_joint(problem: Problem, before: FloatArray, after: FloatArray) -> list[float]:
+    """How much smaller mean squares are in each joint, (n_scored,) each: means of ½ log."""
+    floor = problem.held.objective.floor
+    gains = 0.5 * np.log((before + floor**2) / (after + floor**2))
+    joints = [channel.joint for channel in problem.channels]
+    return [float(gains[[j == joint for j in joints]].mean()) for joint in dict.fromkeys(joints)]
+
+
+def tied(contest: Evidence, channels: int, k: int) -> bool:
+    """Whether fit `k` may as well be the best as fit 0."""
+    behind = channels * (contest.both[k] - contest.both[0])
+    ahead = np.mean(contest.both_resampled[:, k] <= contest.both_resampled[:, 0])
+    return bool(behind < _CLOSE or ahead > _TIED)
 
 
 def least_gain(problem: Problem) -> float:
