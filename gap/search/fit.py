@@ -185,6 +185,18 @@ def jacobian(objective: Objective, one: Fit) -> FloatArray:
     return _jacobian(one, changes, perturbed.move)
 
 
+def losses(objective: Objective, one: Fit) -> FloatArray:
+    """(n_parameters,) by how much the score rises, by the slopes, where each is at its zero.
+
+    The other parameters follow.
+    """
+    ((normal, _),) = _normal_equations(objective, [one])
+    variance = np.diag(np.linalg.pinv(normal, rcond=1e-12, hermitian=True))
+    away = (one.values - one.structure.zero) / one.structure.scale
+    lost: FloatArray = 0.5 * away**2 / np.maximum(variance, 1e-300)
+    return np.where(np.diag(normal) > 0, lost, 0.0)
+
+
 def _steps(one: Fit, normal: FloatArray, gradient: FloatArray) -> FloatArray:
     """One step per damping factor, within the bounds."""
     lower, upper = one.structure.bounds

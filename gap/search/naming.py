@@ -42,6 +42,7 @@ _MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
 _WARM, _KEPT_WARM = 2, 2  # steps, and how many take the second for each that is raced
 _MOST_WARM, _HOPE = 24, 0.3  # that take the first, and what they promise of the least that matters
+_OF_THE_BEST = 0.2  # of its gain, which others have to reach by then
 _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _MOST_EXCHANGES = 3
@@ -295,7 +296,8 @@ class _Search:
         able = [i for i in every if view.candidates[i].tries and not _outdone(view, i)]
         warm = evaluate(objective, [view.start([i]) for i in able])
         promised = [view.promise([i]) for i in able]
-        least = view.score - _HOPE * least_gain(self._problem) / view.channels
+        hope = _HOPE * least_gain(self._problem) / view.channels
+        least = view.score - max(hope, _OF_THE_BEST * (view.score - min(promised)))
         by_promise = sorted(range(len(able)), key=lambda k: promised[k])
         by_start = sorted(range(len(able)), key=lambda k: warm[k].score)
         chosen = [k for k in by_promise[:_MOST_WARM] if promised[k] < least]
@@ -307,7 +309,9 @@ class _Search:
             ):
                 warm[k] = one
             chosen.sort(key=lambda k: warm[k].score)
-            chosen = chosen[: _KEPT_WARM * _MOST_SINGLES]
+            least = view.score - _OF_THE_BEST * (view.score - warm[chosen[0]].score)
+            near = [k for k in chosen if warm[k].score < least]
+            chosen = max(near, chosen[:_FEWEST_SINGLES], key=len)[: _KEPT_WARM * _MOST_SINGLES]
         chosen = list(dict.fromkeys([*chosen[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]]))
         return [(warm[k].structure, warm[k].values) for k in chosen]
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from walkerkit.gap.search.evidence import weigh
-from walkerkit.gap.search.fit import Fit, evaluate, fit
+from walkerkit.gap.search.fit import Fit, evaluate, fit, losses
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Structure, Term, carried
-from walkerkit.gap.search.worth import worth_it
+from walkerkit.gap.search.worth import least_gain, worth_it
 
 _REFITS = 4
+_SURE = 5.0  # of the least gain; a place that loses more by the slopes is needed
 
 
 def refit(problem: Problem, source: Fit, structures: Sequence[Structure]) -> list[Fit]:
@@ -35,29 +34,49 @@ def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
         A fit that keeps the term at one place at least.
     """
     while len(term.places) > 1:
-        without = [
-            replace(term, sites=tuple(other for other in term.sites if other != site))
-            for site in term.sites
-        ]
+        lost = losses(problem.race.objective, full)
+        loss = {s: float(lost[full.structure.columns(term, s)].min()) for s in term.places}
+        sure = _SURE * least_gain(problem) / len(problem.channels)
+        doubtful = [site for site in term.places if loss[site] < sure]
+        if len(doubtful) == len(term.places):
+            doubtful.remove(max(term.places, key=loss.__getitem__))
+        if not doubtful:
+            break
+        smaller, found = _dropped(problem, full, term, doubtful)
+        if _spared(problem, full, found):
+            return found
+        if len(doubtful) == 1:
+            break
+        # Some of them are needed.
+        without = [_without(term, [site]) for site in doubtful]
         fits = refit(problem, full, [_replaced(full.structure, term, t) for t in without])
         evidence = weigh(problem, [full, *fits])
-        needless = [
-            k for k in range(1, len(fits) + 1) if not worth_it(problem, evidence, 0, base=k)
-        ]
+        needless = [k for k in range(len(fits)) if not worth_it(problem, evidence, 0, base=k + 1)]
         if not needless:
             break
-        harm = evidence.both[1:] - evidence.both[0]
-        kept = tuple(site for k, site in enumerate(term.sites, start=1) if k not in needless)
-        if not kept:  # each can stand in for the others: the one that is missed most stays
-            kept = (term.sites[int(np.argmax(harm))],)
-        smaller = replace(term, sites=kept)
-        (found,) = refit(problem, full, [_replaced(full.structure, term, smaller)])
-        if len(needless) > 1 and worth_it(problem, weigh(problem, [found, full]), 1):
-            # Together they are needed: drop only the one that is missed least.
-            k = int(np.argmin(harm))
-            smaller, found = without[k], fits[k]
+        least = min(needless, key=lambda k: evidence.both[k + 1])
+        smaller, found = without[least], fits[least]
+        if 1 < len(needless) < len(doubtful):
+            together = _dropped(problem, full, term, [doubtful[k] for k in needless])
+            if _spared(problem, full, together[1]):
+                smaller, found = together
         full, term = found, smaller
     return full
+
+
+def _dropped(problem: Problem, full: Fit, term: Term, sites: Sequence[str]) -> tuple[Term, Fit]:
+    smaller = _without(term, sites)
+    (found,) = refit(problem, full, [_replaced(full.structure, term, smaller)])
+    return smaller, found
+
+
+def _spared(problem: Problem, full: Fit, smaller: Fit) -> bool:
+    """Whether a fit is not worth it over one with fewer places."""
+    return not worth_it(problem, weigh(problem, [smaller, full]), 1)
+
+
+def _without(term: Term, sites: Sequence[str]) -> Term:
+    return replace(term, sites=tuple(site for site in term.sites if site not in sites))
 
 
 def _replaced(structure: Structure, old: Term, new: Term) -> Structure:

@@ -31,6 +31,7 @@ Single = NDArray[np.float32]
 
 _SWEEPS = 4  # of least squares, each with the weights that the gaps of the last one give
 _RIDGE = 1e-6  # of a change's own size
+_OF_THE_BEST = 0.5  # of its promise, which an effect has to reach to be looked at joint by joint
 _NEEDED = 0.02  # a place that promises less, summed over the channels, is left out
 
 
@@ -90,9 +91,15 @@ class View:
         self._nuisance = nuisance
         self._bounded = objective.numerical_bounds()
         self._columns: list[FloatArray] = [*nuisance]
-        self.candidates = tuple(self._chosen(one) for one in simulated)
+        self.candidates: list[Candidate] = []
+        self.extend(simulated)
         self.channels = len(objective.channels)
         self.score = self._score(range(len(nuisance)))
+
+    def extend(self, simulated: Sequence[_Simulated]) -> None:
+        """Adds candidates."""
+        for one in simulated:
+            self.candidates.append(self._chosen(one))
 
     def promise(self, members: Sequence[int]) -> float:
         """The score that some candidates together can hope for."""
@@ -248,13 +255,22 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     slopes = slopes[np.square(slopes).sum(axis=(1, 2)) > 0]
     nuisance = np.concatenate([slopes, objective.numerical])
     found = _simulate(objective, current, simulated, terms)
-    apart = [
-        replace(term, shared=False)
-        for term, one in zip(terms, found, strict=True)
-        if term.shared and _promise_apart(objective, simulated, one.changes) > _NEEDED
-    ]
-    found += _simulate(objective, current, simulated, apart)
-    return View(objective, current, simulated, nuisance, found)
+    view = View(objective, current, simulated, nuisance, found)
+    best = view.channels * (view.score - min(view.promise([i]) for i in range(len(terms))))
+    least = max(_NEEDED, _OF_THE_BEST * best)
+    view.extend(
+        _simulate(
+            objective,
+            current,
+            simulated,
+            [
+                replace(term, shared=False)
+                for term, one in zip(terms, found, strict=True)
+                if term.shared and _promise_apart(objective, simulated, one.changes) > least
+            ],
+        )
+    )
+    return view
 
 
 def _promise_apart(objective: Objective, residual: FloatArray, changes: Single) -> float:

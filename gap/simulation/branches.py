@@ -16,6 +16,8 @@ import mujoco
 
 from walkerkit.gap.simulation.robot import Robot
 
+_OF_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+
 
 def branches(robot: Robot) -> tuple[Mapping[str, int], Mapping[str, int]]:
     """Joint to branch, and body to branch; a branch is a number.
@@ -34,8 +36,7 @@ def _joined(model: mujoco.MjModel) -> list[int]:
     """Each tree's branch, numbered by its first tree."""
     alone = list(range(model.ntree))
     coupled = model.neq or model.ntendon or model.nplugin
-    of_joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    if coupled or any(kind not in of_joints for kind in model.actuator_trntype):
+    if coupled or any(int(kind) not in _OF_JOINTS for kind in model.actuator_trntype):
         return [0] * model.ntree
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
         return alone

@@ -329,7 +329,7 @@ class TestObjective:
         part = (one.block + np.arange(len(one.block)) % 3 > 0)[:, None]
         one.numerical = np.stack([-residual[0] * part / factor, np.roll(residual[0], 40, axis=0)])
         (corrected,) = one.residuals([case])
-        ((at, changes),) = one.linearised([case])
+        ((at, changes),) = one.linearised([case], [one.moves([None, None])])
         np.testing.assert_array_equal(at, corrected[0])
         expected = corrected[1] - corrected[0]
         np.testing.assert_allclose(changes[0], expected, atol=1e-3 * np.abs(expected).max())
@@ -404,9 +404,9 @@ class TestFit:
                 seen.extend(row for case in cases for row in case.values)
                 return super().residuals(cases)
 
-            def linearised(self, cases):
+            def linearised(self, cases, moves):
                 perturbed.extend(row for case in cases for row in case.values[1:])
-                return super().linearised(cases)
+                return super().linearised(cases, moves)
 
         watched = Watched(one.replays, one.channels, one.floor)
         (found,) = fit(watched, evaluate(watched, [(tried, upper)]))

@@ -28,10 +28,9 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Look:
     def look_at(*hidden: HiddenEffect) -> tuple[Problem, View, list[Term]]:
         problem = problem_of(model, hidden)
         terms = candidate_terms([CATALOGUE[n] for n in EFFECTS], problem.robots, problem.joints)
-        variants = [variant for term in terms for variant in term.variants]
         (nothing,) = evaluate(problem.screen.objective, [(problem.nothing, np.zeros(0))])
         problem.screen.refine(nothing)
-        return problem, look(problem.screen, nothing, variants), variants
+        return problem, look(problem.screen, nothing, terms), list(terms)
 
     return look_at
 
@@ -89,3 +88,11 @@ def test_one_value_for_all_starts_as_one(seen: Look) -> None:
     assert terms[shared].shared
     structure, values = view.start([shared])
     assert (len(structure.slots), values.tolist()) == (1, [0.01])
+
+
+def test_a_shared_effect_of_one_joint_is_looked_at_joint_by_joint(seen: Look) -> None:
+    _, view, terms = seen(hide("sensor_delay", "knee", delay=0.01))
+    promised = [view.promise([i]) for i in range(len(view.candidates))]
+    best = view.candidates[int(np.argmin(promised))].term
+    assert (best.effect.name, best.sites, best.shared) == ("sensor_delay", ("knee",), False)
+    assert len(view.candidates) > len(terms)

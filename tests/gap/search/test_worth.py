@@ -18,6 +18,7 @@ def evidence(*scores: float, spread: float = 0.0) -> Evidence:
     resampled: NDArray[np.float64] = values + spread * random.standard_normal((400, len(scores)))
     return Evidence(
         mean_square=np.exp(2 * values)[:, None],
+        fitted_mean_square=np.exp(2 * values)[:, None],
         held=values,
         both=values,
         held_resampled=resampled,
