@@ -54,8 +54,16 @@ class Smoothed:
 
     def at(self, time: FloatArray) -> FloatArray:
         """(n, k) values at (n,) instants, held at the ends."""
-        return np.stack([np.interp(time, self._grid, row) for row in self.values], axis=-1)
+        return self._between(self.values, time)
 
     def slope_at(self, time: FloatArray) -> FloatArray:
         """(n, k) derivatives at (n,) instants, held at the ends."""
-        return np.stack([np.interp(time, self._grid, row) for row in self.slopes], axis=-1)
+        return self._between(self.slopes, time)
+
+    def _between(self, rows: FloatArray, time: FloatArray) -> FloatArray:
+        last = rows.shape[1] - 1
+        index = np.clip((time - self._grid[0]) / self.step, 0, last)
+        whole = np.minimum(index.astype(np.intp), last - 1)
+        part = index - whole
+        between: FloatArray = rows[:, whole] * (1 - part) + rows[:, whole + 1] * part
+        return between.T

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +89,13 @@ class View:
         self._residual = residual
         self._nuisance = nuisance
         self._bounded = objective.numerical_bounds()
-        self._columns: list[FloatArray] = [*nuisance]
+        self._rows = len(residual)
+        self._square = np.einsum("rc,rc->c", residual, residual)
+        self._along = np.zeros((len(objective.channels), 0))
+        self._columns = np.zeros((len(objective.channels), 0, len(residual)))
+        self._gram = np.zeros((len(objective.channels), 0, 0))
+        self._count = 0
+        self._append(nuisance)
         self.candidates: list[Candidate] = []
         self.extend(simulated)
         self.channels = len(objective.channels)
@@ -123,7 +128,7 @@ class View:
 
         Its change promises by as much of it as goes best; a fit starts with all of one.
         """
-        offset = len(self._columns)
+        offset = self._count
         explained, taken = self._explained(one.changes) if one.places else (np.zeros(0),) * 2
         best = _best_at_each(one.places, explained)
         start = {
@@ -131,8 +136,7 @@ class View:
             for place, k in _best_at_each(one.places, taken).items()
         }
         picked = [(place, k) for place, k in best.items() if explained[k] > 0]
-        self._columns.extend(one.changes[k].astype(np.float64) for _, k in picked)
-        self.__dict__.pop("_products", None)
+        self._append(one.changes[[k for _, k in picked]])
         own = list(range(offset, offset + len(picked)))
         free = list(range(len(self._nuisance)))
         total = len(self._objective.channels)
@@ -174,18 +178,24 @@ class View:
         size = np.einsum("ij,ij->i", a, a).astype(np.float64)
         return np.sign(along) * along**2 / np.maximum(size, 1e-300), 2 * along - size
 
-    @cached_property
-    def _products(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Per channel: products of the columns, of columns and residual, of the residual."""
-        a = np.stack(self._columns).transpose(2, 0, 1) if self._columns else None
-        r = np.ascontiguousarray(self._residual.T)
-        if a is None:
-            empty = np.zeros((len(r), 0, 0))
-            return empty, empty[:, 0], np.einsum("cr,cr->c", r, r)
-        return a @ a.transpose(0, 2, 1), np.einsum("ckr,cr->ck", a, r), np.einsum("cr,cr->c", r, r)
+    def _append(self, changes: FloatArray | Single) -> None:
+        """Adds columns, (k, rows, n_scored), and their products with those that are there."""
+        first, self._count = self._count, self._count + len(changes)
+        if self._count > self._columns.shape[1]:
+            more = self._count + self._columns.shape[1]
+            self._columns = _enlarged(self._columns, (len(self._columns), more, self._rows))
+            self._gram = _enlarged(self._gram, (len(self._gram), more, more))
+        new = slice(first, self._count)
+        self._columns[:, new] = changes.transpose(2, 0, 1)
+        known = self._columns[:, : self._count]
+        cross = self._columns[:, new] @ known.transpose(0, 2, 1)
+        self._gram[:, new, : self._count] = cross
+        self._gram[:, : self._count, new] = cross.transpose(0, 2, 1)
+        along = np.einsum("ckr,cr->ck", self._columns[:, new], self._residual.T)
+        self._along = np.concatenate([self._along, along], axis=1)
 
     def _score(self, columns: Sequence[int]) -> float:
-        gram, along, square = self._products
+        gram, along, square = self._gram, self._along, self._square
         objective = self._objective
         mean_square = square / objective.count
         k = np.asarray(columns, dtype=np.intp)
@@ -205,6 +215,12 @@ class View:
                 left = square + 2 * along @ x + np.einsum("i,cij,j->c", x, gram, x)
                 mean_square = np.maximum(left, 0) / objective.count
         return float(objective.score(mean_square))
+
+
+def _enlarged(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    larger = np.empty(shape)
+    larger[tuple(slice(n) for n in values.shape)] = values
+    return larger
 
 
 def _best_at_each(places: Sequence[str], merit: FloatArray) -> dict[str, int]:

@@ -394,14 +394,17 @@ class Replay:
 
     def _initial_state(self, group: _Group, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Measured states at each segment's start, shifted by (n, n_segments, n_joints) [s]."""
-        qpos = np.empty(shift.shape)
+        variants = shift[:1] if (shift == shift[:1]).all() else shift
+        qpos = np.empty(variants.shape)
         qvel = np.empty_like(qpos)
         for s, segment in enumerate(group.segments):
             state = group.states[id(segment.recording)]
-            for k in range(shift.shape[2]):
-                q, v = state.at(segment.start + shift[:, s, k])
-                qpos[:, s, k], qvel[:, s, k] = q[:, k], v[:, k]
-        return qpos, qvel
+            alike = (variants[:, s] == variants[:, s, :1]).all()
+            for k in range(1 if alike else shift.shape[2]):
+                q, v = state.at(segment.start + variants[:, s, k])
+                which = slice(None) if alike else k
+                qpos[:, s, which], qvel[:, s, which] = q[:, which], v[:, which]
+        return np.broadcast_to(qpos, shift.shape), np.broadcast_to(qvel, shift.shape)
 
 
 def _clocks(trials: Trials, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:

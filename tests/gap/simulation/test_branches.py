@@ -6,11 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from tests.gap.search.test_fit import objective, structure
+from tests.gap.search.test_fit import objective, sized, structure
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.search.fit import evaluate, jacobian
 from walkerkit.gap.search.objective import Case
 from walkerkit.gap.simulation.branches import branches
+from walkerkit.gap.simulation.replay import Channel
 from walkerkit.gap.simulation.robot import Robot, robot_from_spec
 
 LEG = """
@@ -63,7 +64,10 @@ def test_slopes_of_both_legs_at_once_are_those_of_each() -> None:
     for k, joint in enumerate(robot.joints):
         columns[f"{joint}/position_target"] = 0.4 * np.sin((5 + k) * time)
         columns[f"{joint}/position"] = 0.3 * np.sin((5 + k) * (time - 0.02))
-    one = objective(robot, [Recording(name="log", time=time, columns=columns)])
+    recording = Recording(name="log", time=time, columns=columns)
+    robot = sized(robot, recording)
+    channels = [Channel(joint=joint, signal="position") for joint in robot.joints]
+    one = objective(robot, [recording], channels)
     joints = list(robot.joints)
     tried = structure([robot], armature=joints, coulomb_friction=joints)
     start = 0.5 * tried.scale
