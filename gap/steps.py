@@ -185,7 +185,7 @@ def fit(
         mend(found.structure.trials(robot, found.values[None])) for robot in problem.robots
     )
     nothing = np.zeros((0, 0)), np.zeros(0)
-    variance, sensitivity = covariance(objective, found) if effects else nothing
+    variance, sensitivity = covariance(objective, found, problem.noise) if effects else nothing
     compared = replay(problem, robots)
     order = list(effects)
     terms = sorted(found.structure.terms, key=lambda term: order.index(term.effect.name))

@@ -13,10 +13,11 @@ Results do not depend on the number of threads.
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -45,14 +46,29 @@ _CHECKED_EVERY = 16  # steps that one which has diverged may go on for
 _IGNORE = ctypes.CFUNCTYPE(ctypes.c_size_t, ctypes.c_char_p)(("strlen", ctypes.CDLL(None)))
 
 
-@contextlib.contextmanager
-def _without_warnings() -> Iterator[None]:
-    handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(_IGNORE)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(handler)
+class _Quiet:
+    """MuJoCo's one handler of warnings, ignored while any thread simulates."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._depth = 0
+        self._handler: Any = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._depth == 0:
+                self._handler = mujoco.get_mju_user_warning()
+                mujoco.set_mju_user_warning(_IGNORE)
+            self._depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._depth -= 1
+            if self._depth == 0:
+                mujoco.set_mju_user_warning(self._handler)
+
+
+_QUIET = _Quiet()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +109,7 @@ class LockStep:
         for name, values in (fields or {}).items():
             self._batch.expand(name)[...] = values
         if any(name in _SET_CONST_INPUTS for name in fields or {}):
-            with _without_warnings():
+            with _QUIET:
                 self._batch.set_const()
 
     def parameter(self, name: str) -> FloatArray:
@@ -126,7 +142,7 @@ class LockStep:
         field = self._batch.bind(name)
         self._batch.state[...] = state
         self._batch.bind("ctrl")[...] = ctrl
-        with _without_warnings():
+        with _QUIET:
             self._batch.forward()
         return np.array(field)
 
@@ -164,7 +180,7 @@ class LockStep:
         self._batch.warning[...] = 0
         failed = np.zeros(self.n_sims, dtype=bool)
         try:
-            with _without_warnings():
+            with _QUIET:
                 self._batch.rollout(n_steps, control, spec, record, out=out)
         except SimulationError as error:
             failed[error.ids] = True
@@ -208,7 +224,7 @@ class LockStep:
         batch.warning[...] = 0
         failed = np.zeros(self.n_sims, dtype=bool)
         going: NDArray[np.intp] | None = None
-        with _without_warnings():
+        with _QUIET:
             for k in range(n_steps):
                 before(k)
                 try:

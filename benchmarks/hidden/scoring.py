@@ -44,14 +44,15 @@ def set_size(outcome: Outcome) -> int:
 
 
 def place_right(outcome: Outcome) -> bool:
-    """Whether the first name is at the hidden effect's joints or bodies, and at no others.
+    """Whether the first name is at its hidden effect's joints or bodies, and at no others.
 
     Where the name is another that makes exactly the same logs, such as that of an effect of the
     whole robot for one of a joint, no place is wrong.
     """
     if not outcome.named or not outcome.hidden:
         return False
-    found, truth = outcome.named[0], outcome.hidden[0]
+    found = outcome.named[0]
+    truth = next((h for h in outcome.hidden if same(h, found)), outcome.hidden[0])
     if found.effect != truth.effect and same(truth, found):
         return True
     return set(found.places) == set(truth.places)

@@ -30,7 +30,7 @@ def named_effects(
     final = rounds[-1].fit
     if not final.structure.terms:
         return ()
-    variance, sensitivity = covariance(problem.fit.objective, final)
+    variance, sensitivity = covariance(problem.fit.objective, final, problem.noise)
     found = []
     for count, term in enumerate(final.structure.terms, start=1):
         one = _round_of(term, rounds)

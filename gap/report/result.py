@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
+_LEAST_SURE, _MOST_SURE = 0.5, 0.9  # where a gap is left: all of it, hardly any
 _MOST_RIVALS = 4
 
 
@@ -167,6 +168,9 @@ def summarise(
     gap = gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, rounds, after["held"])
     verdict = _verdict(gap, bool(effects))
+    if verdict == "partly_explained":
+        most = _most_confidence(gap)
+        effects = tuple(replace(one, confidence=most * one.confidence) for one in effects)
     maps = gap_maps(problem, before, after)
     position = next((one for one in maps if one.signal == "position"), None)
     everything = [r for half in (problem.fit, problem.held) for g in half.recordings for r in g]
@@ -213,3 +217,15 @@ def _verdict(gap: Gap, named: bool) -> Verdict:
     if named:
         return "explained" if gap.position.after <= _AT_FLOOR * floor else "partly_explained"
     return "no_gap" if gap.position.before <= _AT_FLOOR * floor else "unexplained"
+
+
+def _most_confidence(gap: Gap) -> float:
+    """How sure one can be of any name while something else is missing, which it may stand in for.
+
+    The more of the gap is closed, as a ratio, the less room is left for another explanation.
+    """
+    position = gap.position
+    floor = float(np.hypot(position.noise_floor, gap.numerical_floor))
+    whole = np.log(max(position.before / floor, 1.0 + 1e-9))
+    closed = np.clip(np.log(position.before / position.after) / whole, 0.0, 1.0)
+    return float(_LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * closed)

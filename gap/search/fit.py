@@ -23,6 +23,8 @@ _PERTURBATION = 0.02  # of a parameter's scale
 _DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
 _CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
 INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
+_ALIGNED = 0.2  # how much of the model's error looks like a change of one of its numbers
+_UNCORRECTED = 0.5  # of what half the timestep changes
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
 
@@ -219,15 +221,21 @@ def _sensitivity(one: Fit, normal: FloatArray) -> FloatArray:
     return np.diag(normal) * scales**2 * len(one.mean_square)
 
 
-def covariance(objective: Objective, one: Fit) -> tuple[FloatArray, FloatArray]:
+def covariance(
+    objective: Objective, one: Fit, noise: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Covariance of the values, and how much each matters.
 
     The errors of one joint stay alike for a while, so rows are not independent: the blocks of the
-    objective are (a cluster-robust sandwich, Liang and Zeger, Biometrika 73, 1986).
+    objective are (a cluster-robust sandwich, Liang and Zeger, Biometrika 73, 1986). What is left of
+    a gap beyond the noise is no chance but the model's error, which pulls the values the same way
+    wherever it shows: it may lie along what a number changes, by a cosine of `_ALIGNED`. So may
+    what the timestep changes, which is taken out only as far as it is known.
 
     Args:
         objective: the recordings that were fitted.
         one: the fit.
+        noise: (n_scored,) noise of the channels, to allow for the model's error; None for none.
 
     Returns:
         (n_parameters, n_parameters) covariance, and (n_parameters,) sensitivities: the squared
@@ -245,5 +253,13 @@ def covariance(objective: Objective, one: Fit) -> tuple[FloatArray, FloatArray]:
     blocks = scores.shape[1]
     inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
     meat = scores @ scores.T * (blocks / max(1, blocks - len(one.values)))
+    found = inverse @ meat @ inverse
+    if noise is not None:
+        size = one.mean_square + objective.floor**2
+        beyond = float(np.mean(np.maximum(one.mean_square - noise**2, 0.0) / size))
+        found += _ALIGNED**2 * beyond * inverse
+        for change in objective.numerical:
+            pulled = inverse @ np.einsum("irc,rc->i", weighted, change)
+            found += _UNCORRECTED**2 * np.outer(pulled, pulled)
     scale = np.diag(one.structure.scale)
-    return scale @ inverse @ meat @ inverse @ scale, _sensitivity(one, normal)
+    return scale @ found @ scale, _sensitivity(one, normal)

@@ -31,7 +31,7 @@ from walkerkit.gap.search.worth import close_to, confidence, least_gain, one_sid
 FloatArray = NDArray[np.float64]
 _Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and whether shared
 
-MOST_EFFECTS = 6
+MOST_EFFECTS = 5
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.01  # of the noise, and of how far a joint moves
@@ -47,6 +47,7 @@ _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _MOST_EXCHANGES = 3
 _MOST_RIVALS = 5
+_LIKE = 0.25  # of an effect's promise, which another has to reach to stand in for it
 _NEAR = 2.0  # of a score, summed over the channels
 _NO_MORE = 0.05  # of a promise, summed over the channels
 
@@ -142,7 +143,8 @@ class _Search:
         self._problem = problem
         self._effects = effects
         self._progress = progress
-        self._tried: dict[_Key, _Tried] = {}
+        self._tried: dict[tuple[_Key, frozenset[str] | None], _Tried] = {}
+        self._promised: dict[_Key, dict[str, float]] = {}  # in the order in which they were seen
 
     def run(self) -> tuple[Round, ...]:
         nothing = evaluate(self._problem.fit.objective, [(self._problem.nothing, np.zeros(0))])[0]
@@ -207,7 +209,7 @@ class _Search:
             return None
         added = fits[winner].structure.terms[len(current.structure.terms) :]
         found = self._kept(fits[winner], [term.effect for term in added])
-        if _key(found.structure) in self._tried:  # what was added does not hold
+        if (_key(found.structure), None) in self._tried:  # what was added does not hold
             self._refine(current)
             return None
         return self._settled(found)
@@ -232,10 +234,19 @@ class _Search:
                 winner = i
         return winner
 
-    def _try(self, current: Fit, base: Evidence | None) -> _Tried:
-        """Fits what promises most on top of a fit; nothing where that is at the floor."""
+    def _try(
+        self, current: Fit, base: Evidence | None, only: frozenset[str] | None = None
+    ) -> _Tried:
+        """Fits what promises most on top of a fit; nothing where that is at the floor.
+
+        Args:
+            current: the fit.
+            base: what the recordings say of it, where that is known.
+            only: names of the effects that are looked at, one by one; None for all, and pairs.
+        """
         problem, count = self._problem, len(current.structure.terms)
-        key = _key(current.structure)
+        everything = _key(current.structure), None
+        key = everything if everything in self._tried else (everything[0], only)
         if key in self._tried:
             return self._tried[key]
         if base is None:
@@ -243,6 +254,8 @@ class _Search:
             base = weigh(problem, [current])
         none = _Tried(fits=(), evidence=base.some([]))
         terms = self._terms(current.structure)
+        if only is not None:
+            terms = [term for term in terms if term.effect.name in only]
         if not terms or self._at_floor(current, base) or count >= MOST_EFFECTS:
             self._tried[key] = none
             return none
@@ -252,11 +265,13 @@ class _Search:
         for half in {id(h): h for h in (problem.screen, problem.race)}.values():
             half.refine(current)
         view = look(problem.screen, current, terms)
+        if only is None:
+            self._promised[key[0]] = _promised(view)
         starts = self._starters(view)
         if not starts:
             self._tried[key] = none
             return none
-        if count + 1 < MOST_EFFECTS:
+        if only is None and count + 1 < MOST_EFFECTS:
             starts += [view.start(pair) for pair in _pairs(view)]
         race = problem.race.objective
         tried = fit(
@@ -371,7 +386,7 @@ class _Search:
 
     def _rivals(self, alone: Fit, effect: Effect) -> list[Fit]:
         """The best effects in place of one, on top of the others; no generalisations of it."""
-        tried = self._try(alone, None)
+        tried = self._try(alone, None, self._likes(alone.structure, effect))
         singles = [
             i
             for i in np.argsort(tried.evidence.both, kind="stable").tolist()
@@ -380,6 +395,17 @@ class _Search:
             and effect.name not in tried.fits[i].structure.terms[-1].effect.extends
         ]
         return [tried.fits[i] for i in singles[:_MOST_RIVALS]]
+
+    def _likes(self, others: Structure, effect: Effect) -> frozenset[str] | None:
+        """Effects that promised enough, when last seen without this one, to stand in for it."""
+        best: dict[str, float] = {}
+        for key, promised in self._promised.items():
+            if effect.name in promised and {name for name, _, _ in key} <= set(_names(others)):
+                best = promised
+        if best.get(effect.name, 0.0) <= 0:
+            return None
+        least = _LIKE * best[effect.name]
+        return frozenset(name for name, promise in best.items() if promise >= least)
 
     def _is_better(self, contest: Evidence, k: int, larger: bool) -> bool:
         if 0 in close_to(contest, len(self._problem.channels), first=k):
@@ -500,6 +526,19 @@ def _key(structure: Structure) -> _Key:
 def _more_ordinary(one: Fit, other: Fit) -> bool:
     """Whether the last effect of a fit is one that every model has a little wrong."""
     return one.structure.terms[-1].effect.ordinary and not other.structure.terms[-1].effect.ordinary
+
+
+def _names(structure: Structure) -> list[str]:
+    return [term.effect.name for term in structure.terms]
+
+
+def _promised(view: View) -> dict[str, float]:
+    """Effect to what it promises to take off the score."""
+    found: dict[str, float] = {}
+    for i, candidate in enumerate(view.candidates):
+        name = candidate.term.effect.name
+        found[name] = max(found.get(name, 0.0), view.score - view.promise([i]))
+    return found
 
 
 def _size(one: Fit) -> tuple[int, int]:

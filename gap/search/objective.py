@@ -8,8 +8,10 @@ gaps that are five per cent smaller.
 
 from __future__ import annotations
 
+import os
 from collections import OrderedDict
 from collections.abc import Hashable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -73,6 +75,7 @@ class Objective:
         replays: one per robot, over the same channels.
         scored: channels that count; the others are only simulated.
         floor: (n_scored,) gap below which nothing is gained, in each channel's unit.
+        n_threads: how many robots are simulated at a time, 0 for as many as there are cores.
 
     The simulation's own numerical error is a nuisance of every prediction. What a finer timestep
     changes, and what another integrator changes then, are added to it by the factors that suit the
@@ -85,8 +88,16 @@ class Objective:
         block: (rows,) index of the stretch of about half a second that a row belongs to.
     """
 
-    def __init__(self, replays: Sequence[Replay], scored: Sequence[Channel], floor: FloatArray):
+    def __init__(
+        self,
+        replays: Sequence[Replay],
+        scored: Sequence[Channel],
+        floor: FloatArray,
+        *,
+        n_threads: int = 1,
+    ):
         self.replays = tuple(replays)
+        self._side_by_side = min(len(self.replays), n_threads or os.cpu_count() or 1)
         self.channels = tuple(scored)
         self.floor = np.maximum(floor, _LEAST_FLOOR)
         self._columns = [replays[0].channels.index(channel) for channel in scored]
@@ -199,11 +210,17 @@ class Objective:
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
         """(n of all cases, rows, n_scored) residuals with their numerical error."""
         missing = np.isnan(self.measured)
-        stacks = []
-        for replay in self.replays:
+
+        def simulated(replay: Replay) -> FloatArray:
             blocks = [case.structure.trials(replay.robot, case.values) for case in cases]
-            predicted = replay.predict(Trials.joined(blocks))
-            stacks.append(predicted[:, :, self._columns])
+            return replay.predict(Trials.joined(blocks))[:, :, self._columns]
+
+        # Robots side by side: while one is in MuJoCo, another's laws run.
+        if self._side_by_side > 1:
+            with ThreadPoolExecutor(self._side_by_side) as pool:
+                stacks = list(pool.map(simulated, self.replays))
+        else:
+            stacks = [simulated(replay) for replay in self.replays]
         residual: FloatArray = np.concatenate(stacks, axis=1) - self.measured
         residual[:, missing] = 0.0
         failed = np.stack([np.any(np.all(np.isnan(s), axis=2), axis=1) for s in stacks])

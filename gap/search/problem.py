@@ -143,11 +143,14 @@ def build(
                 parts(mine, (k + 0.5) / len(sized)),
                 kept,
                 hold=hold,
-                n_threads=n_threads,
+                n_threads=n_threads if len(sized) == 1 else 1,  # robots are side by side
             )
             for k, (robot, mine) in enumerate(zip(sized, recordings, strict=True))
             if mine
         )
+
+    def objective(simulated: Sequence[Replay]) -> Objective:
+        return Objective(simulated, scored, _FLOOR * floor, n_threads=n_threads)
 
     def half(
         recordings: Sequence[Sequence[Recording]], share: float = 1.0, stretch: float = _STRETCH
@@ -166,9 +169,9 @@ def build(
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
             told=replays(recordings, lambda mine, _: cut(mine, window)),
-            objective=Objective(replays(recordings, parts), scored, _FLOOR * floor),
+            objective=objective(replays(recordings, parts)),
             finer=tuple(
-                Objective(replays(recordings, parts, remade, scored), scored, _FLOOR * floor)
+                objective(replays(recordings, parts, remade, scored))
                 for remade in (finer, otherwise)
             ),
         )
