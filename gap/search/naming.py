@@ -33,6 +33,7 @@ _Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and
 
 MOST_EFFECTS = 5
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
+_BLURRED = 1.4  # as far as numerical errors raise that noise, at most
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.01  # of the noise, and of how far a joint moves
 _REFITS = 4
@@ -294,7 +295,7 @@ class _Search:
         told = Objective(held.told, self._problem.channels, held.objective.floor)
         as_told = told.as_it_is([_case(current)])[0][0]
         # What half the timestep changes is taken out already, though not to the last digit.
-        blurred = np.hypot(noise, held.objective.numerical_size())
+        blurred = np.minimum(np.hypot(noise, held.objective.numerical_size()), _BLURRED * noise)
         return bool(
             (np.sqrt(as_told) <= _AT_FLOOR * noise).all()
             or (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * blurred).all()
