@@ -44,7 +44,8 @@ def _notes(
         yield (
             f"The simulation's own timestep of {step:g} s moves the positions by "
             f"{gap.numerical_floor:.2g} {gap.position.unit}, more than the noise; effects were "
-            "judged with that error taken out. A finer timestep would make the gap smaller."
+            "judged with that error taken out. If the log is of a machine, which has no timestep, "
+            "a finer one makes the gap smaller."
         )
     if problem.hold == "linear":
         yield (
