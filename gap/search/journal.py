@@ -21,8 +21,9 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
+from io import FileIO
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +44,12 @@ class Journal:
         key: of everything that the search depends on.
     """
 
-    def __init__(self, file: IO[bytes], key: str):
+    def __init__(self, file: FileIO, key: str):
         self._file = file
         self._numbers = [0]
         self._unwritten: list[bytes] = []
         file.seek(0)
-        header, *lines = [*file.read().split(b"\n"), b""]
+        header, *lines = file.readall().split(b"\n")
         self._known: dict[str, Any] = {}
         size = 0
         if _content(header) == {"key": key}:
@@ -62,7 +63,7 @@ class Journal:
         self._size = size
         file.truncate(size)
         if not size:
-            self._write(_line({"key": key}))
+            self._append(_line({"key": key}))
 
     @classmethod
     @contextlib.contextmanager
@@ -73,7 +74,7 @@ class Journal:
             BlockingIOError: another process has it.
             OSError: it cannot be written.
         """
-        with path.open("a+b") as file:
+        with path.open("a+b", buffering=0) as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield cls(file, key)
 
@@ -118,17 +119,20 @@ class Journal:
     def _write(self, line: bytes) -> None:
         """Appends a line; what a full disk does not take now is tried again at the next step."""
         self._unwritten.append(line)
-        data = b"".join(self._unwritten)
+        with contextlib.suppress(OSError):
+            self._append(b"".join(self._unwritten))
+            self._unwritten.clear()
+
+    def _append(self, data: bytes) -> None:
+        left = memoryview(data)
         try:
-            self._file.write(data)
-            self._file.flush()
+            while left:
+                left = left[self._file.write(left) :]
             os.fsync(self._file.fileno())
         except OSError:
-            with contextlib.suppress(OSError):
-                self._file.truncate(self._size)
-            return
+            self._file.truncate(self._size)
+            raise
         self._size += len(data)
-        self._unwritten.clear()
 
 
 def finished(
