@@ -83,8 +83,8 @@ def _index(by_family: dict[str, list[Effect]]) -> str:
     lines = [
         "# All effects",
         "",
-        f"The catalogue has {len(CATALOGUE)} effects; `walkerkit effects` prints it. Each is what a "
-        "diagnosis can name, and what `gap.fit` takes by name.",
+        f"The catalogue has {len(CATALOGUE)} effects; `walkerkit effects` prints it. Each is what "
+        "a diagnosis can name, and what `gap.fit` takes by name.",
     ]
     for family, effects in by_family.items():
         lines += ["", f"## {FAMILIES[family][0]}", "", "| effect | where it shows |", "|---|---|"]
