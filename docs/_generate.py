@@ -7,8 +7,8 @@ the leg as it is and with the effect at one of the sizes that a search tries. A 
 from __future__ import annotations
 
 import importlib
-import io
 import os
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,8 +18,10 @@ os.environ.setdefault("MUJOCO_GL", "disable")
 
 import mujoco
 import numpy as np
-from matplotlib.figure import Figure
 from mkdocs.structure.files import File, Files
+
+sys.path.insert(0, str(Path(__file__).parent))
+from _plot import Panel, drawing
 
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.recordings.recording import Recording
@@ -42,8 +44,8 @@ FAMILIES = {
 }
 PACKAGES = ("gap", "actuators", "walkers", "tasks")
 JOINT = "calf"
-_SECONDS, _RATE = 4.0, 250.0
-_SIZE, _DPI = (7.0, 3.2), 72
+_SECONDS, _RATE, _MOST_SIZES = 3.0, 250.0, 3
+_SAME_MOTION = 0.3  # of the motion, which an effect may change for its picture
 _OF_THE_CONTACT = {"ground_friction", "ground_compliance"}
 
 
@@ -65,7 +67,7 @@ def pages() -> Iterator[tuple[str, str | bytes]]:
     for family, effects in by_family.items():
         yield f"effects/{family}.md", _family(FAMILIES[family][0], effects, signatures)
         for effect in effects:
-            yield f"effects/{effect.name}.png", signatures.picture(effect)
+            yield f"effects/{effect.name}.svg", signatures.picture(effect)
     for package in PACKAGES:
         yield f"reference/{package}.md", _reference(package)
     changes = Path(__file__).parents[1] / "CHANGELOG.md"
@@ -114,7 +116,7 @@ def _family(title: str, effects: list[Effect], signatures: Signatures) -> str:
             "",
             f"`{effect.equation}`",
             "",
-            f"![What {effect.name} changes]({effect.name}.png)",
+            f"![What {effect.name} changes]({effect.name}.svg)",
             "",
             f"Shows: {effect.symptom}. Of {kind}. Added as: {effect.added_as}. "
             f"Source: {effect.source}.",
@@ -176,53 +178,41 @@ class Signatures:
         structure = self.structure(effect)
         return [] if structure is None else [slot.parameter for slot in structure.slots]
 
-    def picture(self, effect: Effect) -> bytes:
-        """A PNG of what the effect changes."""
-        figure = Figure(figsize=_SIZE, dpi=_DPI)
-        figure.subplots_adjust(left=0.09, right=0.98, bottom=0.14, top=0.9, wspace=0.28)
+    def picture(self, effect: Effect) -> str:
+        """An SVG of what the effect changes."""
         if effect.name in _OF_THE_CONTACT:
-            _contact(figure, effect.name)
-        else:
-            self._draw(figure, effect)
-        file = io.BytesIO()
-        figure.savefig(file, format="png", metadata={"Software": None})
-        return file.getvalue()
-
-    def _draw(self, figure: Figure, effect: Effect) -> None:
+            return _contact(effect.name)
         structure = self.structure(effect)
         if structure is None:
             raise ValueError(f"the leg cannot have {effect.name}: draw it as a contact is drawn")
         starts = zip(*(slot.parameter.starts for slot in structure.slots), strict=True)
         values = np.array(list(starts))
+        values = values[:: -(-len(values) // _MOST_SIZES)]
         tried = self.replay.predict(structure.trials(self.robot, values))
         changes = np.abs(tried - self.before).max(axis=1)
         scale = np.abs(self.before).max(axis=0)
         # The largest that still looks like the same motion.
         sizes = np.nan_to_num((changes / scale).max(axis=1), nan=np.inf)
-        fits = np.flatnonzero(sizes < 0.3)
+        fits = np.flatnonzero(sizes < _SAME_MOTION)
         chosen = int(fits[np.argmax(sizes[fits])]) if len(fits) else int(np.argmin(sizes))
-        time = self.recording.time
         numbers = ", ".join(
             f"{slot.parameter.name} {value:.3g} {slot.parameter.unit}"
             for slot, value in zip(structure.slots, values[chosen], strict=True)
         )
-        axes = figure.subplots(2, 2, sharex=True)
+        time, rows = self.recording.time, []
         for row, (name, unit, factor, small) in enumerate(
             (("position", "rad", 1e3, "mrad"), ("effort", "N·m", 1.0, "N·m"))
         ):
-            with_it = tried[chosen][:, row]
-            axes[row, 0].plot(time, self.before[:, row], color="0.6", lw=1, label="as it is")
-            axes[row, 0].plot(time, with_it, color="C0", lw=1, label="with the effect")
-            axes[row, 0].set_ylabel(f"{name} [{unit}]", fontsize=8)
-            axes[row, 1].plot(time, factor * (with_it - self.before[:, row]), color="C3", lw=1)
-            axes[row, 1].set_ylabel(f"difference [{small}]", fontsize=8)
-            for one in axes[row]:
-                one.tick_params(labelsize=7)
-            axes[row, 1].axhline(0, color="0.8", lw=0.8)
-        axes[0, 0].legend(fontsize=7, loc="lower right")
-        axes[1, 0].set_xlabel("time [s]", fontsize=8)
-        axes[1, 1].set_xlabel("time [s]", fontsize=8)
-        figure.suptitle(f"{effect.name}: {numbers}", fontsize=9)
+            before, after = self.before[:, row], tried[chosen][:, row]
+            lines = [("before", before), ("after", after)]
+            difference = [("difference", factor * (after - before))]
+            rows.append(
+                [
+                    Panel(label=f"{name} [{unit}]", x=time, lines=lines),
+                    Panel(label=f"difference [{small}]", x=time, lines=difference),
+                ]
+            )
+        return drawing(f"{effect.name}: {numbers}", rows)
 
 
 def _recording(robot: Robot, time: np.ndarray) -> Recording:
@@ -230,7 +220,7 @@ def _recording(robot: Robot, time: np.ndarray) -> Recording:
     home = {"hip": 0.0, "thigh": 0.9, "calf": -1.8}
     triangle = np.abs((time + 0.5) % 2 - 1) * 2 - 1
     wave = np.sin(2 * np.pi * 2 * time)
-    shape = np.where(time < 2, 0.3 * triangle, np.where(time < 3, 0.25, 0.2 * wave))
+    shape = np.where(time < 2, 0.3 * triangle, np.where(time < 2.4, 0.25, 0.2 * wave))
     shape *= np.minimum(1, 4 * time)
     columns = {}
     for joint in robot.joints:
@@ -243,15 +233,11 @@ def _sized(robot: Robot, recording: Recording, joints: tuple[str, ...]) -> Robot
     return replace(robot, excursions=excursions(robot, [recording], joints))
 
 
-def _contact(figure: Figure, name: str) -> None:
+def _contact(name: str) -> str:
     """A foot on the ground: pushed ever harder, or put down."""
-    left, right = figure.subplots(1, 2)
-    cases = ((0.4, 0.02, "0.6"), (0.8, 0.02, "C0"))
-    if name == "ground_compliance":
-        cases = ((0.8, 0.01, "0.6"), (0.8, 0.04, "C0"))
-    for (friction, timeconst, color), label in zip(
-        cases, ("as it is", "with the effect"), strict=True
-    ):
+    cases = ((0.4, 0.02), (0.8, 0.02)) if name == "ground_friction" else ((0.8, 0.01), (0.8, 0.04))
+    shown = []
+    for friction, timeconst in cases:
         model = mujoco.MjModel.from_xml_string(
             f"""<mujoco><option timestep="0.001" cone="elliptic"/><worldbody>
             <geom type="plane" size="1 1 1" solref="{timeconst} 1" friction="{friction}"/>
@@ -260,16 +246,17 @@ def _contact(figure: Figure, name: str) -> None:
             friction="{friction}"/></body></worldbody></mujoco>"""
         )
         data = mujoco.MjData(model)
-        time, height, along = [], [], []
+        rows = []
         while data.time < 1:
-            data.qfrc_applied[0] = 20 * max(0.0, data.time - 0.3) if "friction" in name else 0.0
+            push = 20 * max(0.0, data.time - 0.3)
+            data.qfrc_applied[0] = push if name == "ground_friction" else 0.0
             mujoco.mj_step(model, data)
-            time.append(data.time)
-            height.append(1e3 * (data.qpos[2] - 0.05))
-            along.append(float(data.qvel[0]))
-        left.plot(time, height, color=color, lw=1, label=label)
-        right.plot(time, along, color=color, lw=1)
-    left.set(xlabel="time [s]", ylabel="height above the ground [mm]")
-    right.set(xlabel="time [s]", ylabel="speed along the ground [m/s]")
-    left.legend(fontsize=7)
-    figure.suptitle(f"{name}: a foot of 2 kg", fontsize=9)
+            rows.append((data.time, 1e3 * (data.qpos[2] - 0.05), data.qvel[0]))
+        shown.append(np.array(rows).T)
+    (time, *before), (_, *after) = shown
+    labels = ("height [mm]", "speed along the ground [m/s]")
+    panels = [
+        Panel(label=label, x=time, lines=[("before", one), ("after", other)])
+        for label, one, other in zip(labels, before, after, strict=True)
+    ]
+    return drawing(f"{name}: a foot of 2 kg", [panels])

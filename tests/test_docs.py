@@ -55,8 +55,8 @@ def test_every_effect_has_its_page_and_its_picture(site: Path) -> None:
     pages = "".join(p.read_text(encoding="utf-8") for p in (site / "effects").glob("*.html"))
     for name in CATALOGUE:
         assert f'id="{name}"' in pages
-        assert f'src="{name}.png"' in pages
-        assert 2_000 < (site / f"effects/{name}.png").stat().st_size < 60_000
+        assert f'src="{name}.svg"' in pages
+        assert 5_000 < (site / f"effects/{name}.svg").stat().st_size < 60_000
 
 
 @pytest.mark.parametrize("package", PACKAGES)
