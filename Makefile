@@ -8,7 +8,7 @@ INSTALLED := .venv/installed-$(FILES)
 
 export MUJOCO_GL ?= disable
 
-.PHONY: demo test lint bench format install clean
+.PHONY: demo test lint bench docs package format install clean
 .DEFAULT_GOAL := demo
 
 demo: $(INSTALLED)
@@ -24,6 +24,14 @@ lint: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks $(ARGS)
+
+docs: export NO_MKDOCS_2_WARNING = 1
+docs: $(INSTALLED)
+	$(BIN)/mkdocs build --strict --quiet $(ARGS)
+	@echo build/site/index.html
+
+package: $(INSTALLED)
+	.ci/package
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -1,7 +1,7 @@
 """The command line, thin over the API.
 
 Exit status 0: finished, whatever the verdict; 2: the input is unusable, with one line that says
-why; 1: our own failure.
+why; 1: our own failure; 130: interrupted; 141: whoever read the output is gone.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+_INTERRUPTED, _CLOSED_PIPE = 130, 141  # as of processes that the signals end
 # typer exports one kind of usage error, but not the class that all of them have in common.
 _UsageError: type[typer.BadParameter] = typer.BadParameter.__mro__[1]
 
@@ -50,6 +51,9 @@ Window = Annotated[
 ]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of the simulation, 0 for all cores.")]
 Out = Annotated[Path, typer.Option(help="Folder for the report, the mended model and the JSON.")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace what another run has left in the folder.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print diagnosis.json instead of tables.")]
 
 
@@ -61,6 +65,7 @@ def demo(
     ] = None,
     out: Out = Path("walkerkit-demo"),
     threads: Threads = 0,
+    overwrite: Overwrite = False,
 ) -> None:
     """Hide an effect in a simulated leg, record it, and find it again."""
     from walkerkit.gap.rehearsal.demo import run
@@ -68,7 +73,14 @@ def demo(
 
     check_folder(out)
     with _progress() as progress:
-        result, rehearsal = run(seed=seed, hide=hide, out=out, n_threads=threads, progress=progress)
+        result, rehearsal = run(
+            seed=seed,
+            hide=hide,
+            out=out,
+            n_threads=threads,
+            progress=progress,
+            overwrite=overwrite,
+        )
     _print_result(result, as_json=False)
     console = _console()
     hidden = [effect.describe() for effect in rehearsal.hidden] or ["nothing"]
@@ -107,9 +119,13 @@ def diagnose(
         list[str] | None, typer.Option(help="Consider only this effect. May be repeated.")
     ] = None,
     threads: Threads = 0,
+    overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
-    """Find where simulation and recordings disagree, name why, and mend the model."""
+    """Find where simulation and recordings disagree, name why, and mend the model.
+
+    The same command goes on where one that was killed had come to.
+    """
     from walkerkit.gap import workflow
     from walkerkit.gap.report.output import check_folder
 
@@ -123,8 +139,9 @@ def diagnose(
             effects=effect,
             n_threads=threads,
             progress=progress,
+            out=out,
+            overwrite=overwrite,
         )
-        result.save(out)
     _print_result(result, as_json=json)
     if not json:
         _console().print(f"Written to {out}", markup=False, soft_wrap=True)
@@ -186,6 +203,18 @@ def main() -> None:
     except _UsageError as error:
         command = error.ctx.command_path if error.ctx else app.info.name
         _refuse(f"{error.format_message().rstrip('.')}. See `{command} --help`.")
+    except (KeyboardInterrupt, typer.Abort):
+        status = _INTERRUPTED
+    except (BrokenPipeError, SystemExit):  # rich and typer end the process of a closed pipe so
+        status = _CLOSED_PIPE
+    if status == _INTERRUPTED:
+        typer.echo("walkerkit: interrupted. The same command goes on from there.", err=True)
+    try:
+        if sys.stdout is not None:  # closed from the start
+            sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = _CLOSED_PIPE
     sys.exit(status)
 
 

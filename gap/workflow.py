@@ -34,7 +34,10 @@ from walkerkit.gap.recordings.checks import (
 from walkerkit.gap.recordings.manifest import Experiment, load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.split import Recordings, split, split_in_time
+from walkerkit.gap.report.claim import claimed, run_key
 from walkerkit.gap.report.diagnosis import Diagnosis
+from walkerkit.gap.report.notes import warning_notes
+from walkerkit.gap.report.output import main_files
 from walkerkit.gap.report.result import Result, summarise
 from walkerkit.gap.search.evidence import weigh
 from walkerkit.gap.search.fit import Progress, evaluate, fit
@@ -46,7 +49,9 @@ from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
+from walkerkit.gap.simulation.size import check_size
 from walkerkit.gap.stopgap.hints import with_hints
+from walkerkit.walkers.batch import counted_warnings, without_warnings
 
 FloatArray = NDArray[np.float64]
 
@@ -119,6 +124,9 @@ def diagnose(
     effects: Sequence[str] | None = None,
     n_threads: int = 0,
     progress: Progress | None = None,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    kind: str = "diagnosis",
 ) -> Result:
     """Finds where simulation and recordings disagree, names why, and mends the model.
 
@@ -131,18 +139,49 @@ def diagnose(
         effects: names of the effects to consider; all by default.
         n_threads: threads of the simulation, 0 for all cores. Results do not depend on it.
         progress: called with what is being done and how far it is.
+        out: folder to save the result in, and meanwhile what is finished: the same call after a
+            crash goes on from there, to the same result.
+        overwrite: whether `out` may replace files of another run.
+        kind: of the run; `out` of one demo may be that of the next.
 
     Returns:
         The diagnosis, with the mended robots.
 
     Raises:
-        InputError: the model or a recording cannot be used.
+        InputError: the model or a recording cannot be used, or `out` cannot be written.
     """
     start = time.perf_counter()
-    setup = prepare(
-        load_experiments(model, recordings, held_out=held_out), window=window, n_threads=n_threads
-    )
-    chosen = _effects(effects)
+    with counted_warnings() as warned, without_warnings():
+        setup = prepare(
+            load_experiments(model, recordings, held_out=held_out),
+            window=window,
+            n_threads=n_threads,
+        )
+        chosen = _effects(effects)
+
+        def run() -> Result:
+            result = _search(setup, chosen, progress)
+            diagnosis = result.diagnosis
+            told = (*diagnosis.notes, *warning_notes(warned))
+            seconds = time.perf_counter() - start
+            return replace(result, diagnosis=replace(diagnosis, notes=told, seconds=seconds))
+
+        if out is None:
+            return run()
+        key = run_key(
+            setup.robots,
+            (*setup.fitted, *setup.held_out),
+            (kind, setup.window, setup.may_split_in_time, [effect.name for effect in chosen]),
+        )
+        files = main_files(setup.robots)
+        with claimed(Path(out), key, files, overwrite=overwrite, kind=kind) as save:
+            result = run()
+            save(result)
+        return result
+
+
+def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -> Result:
+    """Names effects, mends the robots and puts it all into words."""
     problem, rounds = _best_hold(setup, chosen, progress)
     last = rounds[-1]
     if setup.may_split_in_time and last.one_sided and not last.fit.structure.terms:
@@ -157,9 +196,7 @@ def diagnose(
     )
     if progress:
         progress("writing up", 0.0)
-    result = with_hints(summarise(problem, rounds, mended, seconds=0.0))
-    seconds = time.perf_counter() - start
-    return replace(result, diagnosis=replace(result.diagnosis, seconds=seconds))
+    return with_hints(summarise(problem, rounds, mended, seconds=0.0))
 
 
 def compare(
@@ -186,12 +223,17 @@ def compare(
         InputError: the model or a recording cannot be used.
     """
     start = time.perf_counter()
-    setup = prepare(
-        load_experiments(model, recordings, held_out=held_out), window=window, n_threads=n_threads
-    )
-    problem = setup.problem(_known_hold(setup.robots) or "zero_order")
-    rounds = name_effects(problem, [])
-    return summarise(problem, rounds, problem.robots, seconds=time.perf_counter() - start).diagnosis
+    with counted_warnings() as warned, without_warnings():
+        setup = prepare(
+            load_experiments(model, recordings, held_out=held_out),
+            window=window,
+            n_threads=n_threads,
+        )
+        problem = setup.problem(_known_hold(setup.robots) or "zero_order")
+        rounds = name_effects(problem, [])
+        diagnosis = summarise(problem, rounds, problem.robots, seconds=0.0).diagnosis
+    notes = (*diagnosis.notes, *warning_notes(warned))
+    return replace(diagnosis, notes=notes, seconds=time.perf_counter() - start)
 
 
 def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int) -> Setup:
@@ -220,6 +262,8 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         fitting = tuple(suited(robot, recording) for recording in experiment.recordings)
         suiting.append(replace(experiment, recordings=fitting))
     experiments = without_placeholders(suiting)
+    for robot, experiment in zip(robots, experiments, strict=True):
+        check_size(robot.model, robot.source, experiment.recordings)
     recordings = [r for experiment in experiments for r in experiment.recordings]
     check_recordings(recordings)
     windowed = any(

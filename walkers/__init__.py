@@ -30,6 +30,20 @@ _LAZY = {
     "with_actuators": "refit",
 }
 
+__all__ = [
+    "BIPED_XML",
+    "LEG_XML",
+    "QUADRUPED_XML",
+    "SERVO_BENCH_XML",
+    "Biped",
+    "Leg",
+    "MjcfWalker",
+    "Quadruped",
+    "ServoBench",
+    "Trot",
+    "with_actuators",
+]
+
 
 def __getattr__(name: str) -> Any:
     """Imports a walker's module when it is first asked for."""

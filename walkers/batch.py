@@ -13,9 +13,12 @@ Results do not depend on the number of threads.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,11 +42,21 @@ _DIVERGED = [
         mujoco.mjtWarning.mjWARN_BADCTRL,
     )
 ]
+_KINDS = {
+    "singular inertia": mujoco.mjtWarning.mjWARN_INERTIA,
+    "too many contacts": mujoco.mjtWarning.mjWARN_CONTACTFULL,
+    "too many constraints": mujoco.mjtWarning.mjWARN_CNSTRFULL,
+    "bad position": mujoco.mjtWarning.mjWARN_BADQPOS,
+    "bad velocity": mujoco.mjtWarning.mjWARN_BADQVEL,
+    "bad acceleration": mujoco.mjtWarning.mjWARN_BADQACC,
+    "bad control": mujoco.mjtWarning.mjWARN_BADCTRL,
+}
 _CHECKED_EVERY = 16  # steps that one which has diverged may go on for
 # MuJoCo prints every instability and writes MUJOCO_LOG.TXT; a candidate that diverges is an
 # ordinary event here. The handler is called from threads without the interpreter lock, so it has
 # to be a C function: strlen reads the message and does nothing else.
 _IGNORE = ctypes.CFUNCTYPE(ctypes.c_size_t, ctypes.c_char_p)(("strlen", ctypes.CDLL(None)))
+_COUNTED: ContextVar[Counter[str] | None] = ContextVar("warnings", default=None)
 
 
 class _Quiet:
@@ -69,6 +82,34 @@ class _Quiet:
 
 
 _QUIET = _Quiet()
+
+
+def without_warnings() -> contextlib.AbstractContextManager[None]:
+    """Keeps MuJoCo from printing its warnings and from writing MUJOCO_LOG.TXT."""
+    return _QUIET
+
+
+@contextlib.contextmanager
+def counted_warnings() -> Iterator[Counter[str]]:
+    """Counts the simulations in lock step that MuJoCo warns of, by the kind of its warning."""
+    counter: Counter[str] = Counter()
+    token = _COUNTED.set(counter)
+    try:
+        yield counter
+    finally:
+        _COUNTED.reset(token)
+
+
+def warnings_counted() -> dict[str, int]:
+    """What `counted_warnings` has counted so far; nothing outside of it."""
+    return dict(_COUNTED.get() or {})
+
+
+def count_warnings(counts: Mapping[str, int]) -> None:
+    """Adds to what `counted_warnings` counts."""
+    counter = _COUNTED.get()
+    if counter is not None:
+        counter.update(counts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,10 +225,7 @@ class LockStep:
                 self._batch.rollout(n_steps, control, spec, record, out=out)
         except SimulationError as error:
             failed[error.ids] = True
-        failed |= (self._batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
-        for values in out.values():
-            values[failed] = np.nan
-        return Rollout(records=out, failed=failed)
+        return self._done(out, failed)
 
     def live(self, name: str) -> FloatArray:
         """A field of the simulations' states, (n_sims, *shape), live and writable.
@@ -241,7 +279,15 @@ class LockStep:
                     going = np.flatnonzero(~failed)
                     if not going.size:
                         break
-        failed |= (batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
+        return self._done(out, failed)
+
+    def _done(self, out: dict[str, FloatArray], failed: NDArray[np.bool_]) -> Rollout:
+        """What was recorded, of the simulations that did not fail; counts MuJoCo's warnings."""
+        warned = self._batch.warning[:, :, 1] > 0
+        kinds = {kind: int(warned[:, int(index)].sum()) for kind, index in _KINDS.items()}
+        kinds["error"] = int((failed & ~warned.any(axis=1)).sum())
+        count_warnings({kind: count for kind, count in kinds.items() if count})
+        failed = failed | warned[:, _DIVERGED].any(axis=1)
         for values in out.values():
             values[failed] = np.nan
         return Rollout(records=out, failed=failed)

@@ -20,6 +20,7 @@ def run(
     out: Path | None = None,
     n_threads: int = 0,
     progress: Progress | None = None,
+    overwrite: bool = False,
 ) -> tuple[Result, Rehearsal]:
     """Records a leg with something hidden in it and diagnoses the recordings.
 
@@ -29,6 +30,7 @@ def run(
         out: folder for the result, the leg and its recordings; nothing is written by default.
         n_threads: threads of the simulation, 0 for all cores.
         progress: called with what is being done and how far it is.
+        overwrite: whether `out` may replace other files than those of a demo.
 
     Returns:
         What was found from the recordings alone, and what was hidden.
@@ -36,9 +38,16 @@ def run(
     if progress:
         progress("recording the leg", 0.0)
     rehearsal = rehearse(LEG_XML, hide, seed=seed)
-    result = diagnose(str(LEG_XML), rehearsal.recordings, n_threads=n_threads, progress=progress)
+    result = diagnose(
+        str(LEG_XML),
+        rehearsal.recordings,
+        n_threads=n_threads,
+        progress=progress,
+        out=out,
+        overwrite=overwrite,
+        kind="demo",
+    )
     if out is not None:
-        result.save(out)
         shutil.copyfile(LEG_XML, out / "leg.xml")
         (out / "recordings").mkdir(exist_ok=True)
         for recording in rehearsal.recordings:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
@@ -16,6 +16,17 @@ def notes(
 ) -> tuple[str, ...]:
     """The notes of a diagnosis, most important first."""
     return tuple(_notes(problem, gap, effects, verdict, searched))
+
+
+def warning_notes(warned: Mapping[str, int]) -> tuple[str, ...]:
+    """How many of a run's simulations MuJoCo warned of, by kind."""
+    if not warned:
+        return ()
+    kinds = ", ".join(f"{kind} {count}" for kind, count in sorted(warned.items()))
+    return (
+        f"MuJoCo warned of some simulations: {kinds}. Those that diverged were taken for "
+        "impossible; the others went on.",
+    )
 
 
 def _notes(

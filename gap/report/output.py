@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from errno import EISDIR
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from walkerkit.gap.simulation.sidecar import FILE, sidecar
 from walkerkit.gap.stopgap.hints import stopgap_file
 from walkerkit.gap.stopgap.learned import LearnedDrive
 
+RUN, WRITING = ".walkerkit-run.json", ".writing-"
 DIAGNOSIS, REPORT, MANIFEST = "diagnosis.json", "report.html", "experiments.toml"
 
 
@@ -39,48 +43,95 @@ def check_folder(folder: Path) -> None:
     try:
         there = next(path for path in (whole, *whole.parents) if path.exists())
     except OSError as error:
-        raise _unwritable(folder, error.strerror) from None
+        raise unwritable(folder, error.strerror) from None
     if not there.is_dir():
-        raise _unwritable(folder, f"{there} is a file")
+        raise unwritable(folder, f"{there} is a file")
     if not os.access(there, os.W_OK | os.X_OK):
-        raise _unwritable(folder, f"no permission to write in {there}")
+        raise unwritable(folder, f"no permission to write in {there}")
 
 
-def save(result: Result, folder: Path) -> Path:
+def save(
+    result: Result, folder: Path, *, run: Mapping[str, str] | None = None, overwrite: bool = True
+) -> Path:
     """Writes everything into a folder beside the target first, so that no file is ever half there.
 
     Args:
         result: what was found.
-        folder: made if it is missing; files of the same names are replaced.
+        folder: made if it is missing.
+        run: whose the files are from then on.
+        overwrite: whether files that are there may be replaced.
 
     Returns:
         The folder.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder cannot be written, or a file is in the way.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as name:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=WRITING) as name:
             made = Path(name)
             _write(result, made)
-            for path in sorted(made.rglob("*")):
-                target = folder / path.relative_to(made)
-                if path.is_dir():
-                    target.mkdir(exist_ok=True)
-                else:
-                    path.replace(target)
+            files = [p.relative_to(made) for p in sorted(made.rglob("*")) if not p.is_dir()]
+            for path in files:
+                target = folder / path
+                if target.exists() and not overwrite:
+                    raise InputError(
+                        f"{target}: is in the way. Move it, or replace it with --overwrite."
+                    )
+                if target.is_dir():
+                    raise IsADirectoryError(EISDIR, f"{target} is a folder")
+                with (made / path).open("rb") as file:
+                    os.fsync(file.fileno())
+            before = known_run(folder).get("files", ())
+            if run is not None:
+                # First, so that a run that is killed in between finds the folder to be its own.
+                content = {**run, "files": [str(path) for path in files]}
+                _write_text(made / RUN, json.dumps(content) + "\n")
+                files.insert(0, Path(RUN))
+            with _uninterrupted():
+                for path in files:
+                    (folder / path.parent).mkdir(parents=True, exist_ok=True)
+                    (made / path).replace(folder / path)
+                for old in {*before} - {str(path) for path in files}:
+                    (folder / old).unlink(missing_ok=True)
+                if run is None:
+                    (folder / RUN).unlink(missing_ok=True)
     except OSError as error:
-        raise _unwritable(folder, error.strerror) from None
+        raise unwritable(folder, error.strerror) from None
     return folder
 
 
-def _unwritable(folder: Path, reason: str | None) -> InputError:
+def known_run(folder: Path) -> dict[str, Any]:
+    """What a folder says of the run that its files are of; nothing where it says nothing."""
+    try:
+        content = json.loads((folder / RUN).read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return {}
+    if not isinstance(content, dict):
+        return {}
+    files = content.get("files", [])
+    inside = [f for f in files if isinstance(f, str) and ".." not in f and not f.startswith("/")]
+    return {**content, "files": inside}
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Lets Ctrl-C and a polite end wait until files have changed their names."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def unwritable(folder: Path, reason: str | None) -> InputError:
+    """The refusal of a folder that cannot be written."""
     return InputError(f"{folder}: cannot be written ({reason}). Give another folder with --out.")
 
 
 def _write(result: Result, folder: Path) -> None:
-    names = _model_names(result.robots)
+    names = model_names(result.robots)
     taken: dict[str, Path | str] = {}
     for name, robot in zip(names, result.robots, strict=True):
         write_model(robot, folder / name, taken)
@@ -116,7 +167,13 @@ def _write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _model_names(robots: Sequence[Robot]) -> list[str]:
+def main_files(robots: Sequence[Robot]) -> list[str]:
+    """The files that every result of some robots has."""
+    names = model_names(robots)
+    return [*names, FILE, REPORT, DIAGNOSIS, *([MANIFEST] if len(names) > 1 else [])]
+
+
+def model_names(robots: Sequence[Robot]) -> list[str]:
     """`model.xml`, or `model_<stem>.xml` each; stems that repeat get a number."""
     if len(robots) == 1:
         return ["model.xml"]

@@ -8,12 +8,14 @@ out count the same.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.fit import Fit
+from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.problem import Problem
 
@@ -75,6 +77,20 @@ class Evidence:
 
 def weigh(problem: Problem, fits: Sequence[Fit]) -> Evidence:
     """Simulates the fits on all recordings and resamples their scores."""
+    return finished(
+        digest(*(part for f in fits for part in (repr(f.structure.key), f.values))),
+        lambda: _weigh(problem, fits),
+        lambda evidence: packed([getattr(evidence, field.name) for field in fields(Evidence)]),
+        _evidence,
+    )
+
+
+def _evidence(content: Any) -> Evidence:
+    names = [field.name for field in fields(Evidence)]
+    return Evidence(**dict(zip(names, unpacked(content), strict=True)))
+
+
+def _weigh(problem: Problem, fits: Sequence[Fit]) -> Evidence:
     held, held_resampled, mean_square = _scores(problem.held.objective, fits)
     fitted, fitted_resampled, fitted_mean_square = _scores(problem.fit.objective, fits)
     return Evidence(

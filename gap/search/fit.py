@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Case, Moves, Objective
 from walkerkit.gap.search.structure import Structure
 
@@ -47,6 +49,10 @@ class Fit:
 
 def evaluate(objective: Objective, fits: Sequence[tuple[Structure, FloatArray]]) -> list[Fit]:
     """Simulates structures at given values, without fitting."""
+    return _finished(fits, lambda: _evaluate(objective, fits))
+
+
+def _evaluate(objective: Objective, fits: Sequence[tuple[Structure, FloatArray]]) -> list[Fit]:
     cases = [Case(structure=s, values=v[None]) for s, v in fits]
     found = []
     for case, (mean_square,) in zip(cases, objective.mean_squares(cases), strict=True):
@@ -84,6 +90,20 @@ def fit(
     Returns:
         The fits, in the order of `starts`; none scores worse than it started.
     """
+    return _finished(
+        [(start.structure, start.values) for start in starts],
+        lambda: _fit(objective, starts, iterations, race, progress, stage),
+    )
+
+
+def _fit(
+    objective: Objective,
+    starts: Sequence[Fit],
+    iterations: int,
+    race: Sequence[int] | None,
+    progress: Progress | None,
+    stage: str,
+) -> list[Fit]:
     best = list(starts)
     active = [i for i, start in enumerate(best) if len(start.values) and np.isfinite(start.score)]
     for iteration in range(iterations):
@@ -119,6 +139,26 @@ def fit(
                 and best[i].score - _leader(best, race, race[i]) < _PACES * gain
             ]
     return best
+
+
+def _finished(
+    starts: Sequence[tuple[Structure, FloatArray]], make: Callable[[], list[Fit]]
+) -> list[Fit]:
+    """The fits of some structures, from the journal where it has them."""
+
+    def unpack(content: Any) -> list[Fit]:
+        arrays = [unpacked(one) for one in content]
+        return [
+            Fit(structure=structure, values=values, score=float(score), mean_square=mean_square)
+            for (structure, _), (values, score, mean_square) in zip(starts, arrays, strict=True)
+        ]
+
+    return finished(
+        digest(*(part for s, values in starts for part in (repr(s.key), values))),
+        make,
+        lambda fits: [packed([f.values, np.array(f.score), f.mean_square]) for f in fits],
+        unpack,
+    )
 
 
 def _leader(fits: Sequence[Fit], race: Sequence[int], which: int) -> float:

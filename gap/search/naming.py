@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit
+from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
@@ -265,15 +267,17 @@ class _Search:
             self._progress(stage.format("screening"), 0.0)
         for half in {id(h): h for h in (problem.screen, problem.race)}.values():
             half.refine(current)
-        view = look(problem.screen, current, terms)
+        promised, starts = finished(
+            digest(repr((current.structure.key, only and sorted(only))), current.values),
+            lambda: self._promising(current, terms, alone=only is not None),
+            lambda found: [found[0], [[s.key[count:], packed([v])] for s, v in found[1]]],
+            lambda content: (content[0], [self._start(current, *one) for one in content[1]]),
+        )
         if only is None:
-            self._promised[key[0]] = _promised(view)
-        starts = self._starters(view)
+            self._promised[key[0]] = promised
         if not starts:
             self._tried[key] = none
             return none
-        if only is None and count + 1 < MOST_EFFECTS:
-            starts += [view.start(pair) for pair in _pairs(view)]
         race = problem.race.objective
         tried = fit(
             race,
@@ -284,6 +288,25 @@ class _Search:
         )
         self._tried[key] = _Tried(fits=tuple(tried), evidence=weigh(problem, tried))
         return self._tried[key]
+
+    def _promising(
+        self, current: Fit, terms: Sequence[Term], *, alone: bool
+    ) -> tuple[dict[str, float], list[tuple[Structure, FloatArray]]]:
+        """What effects promise on top of a fit, and where the best singles and pairs begin."""
+        view = look(self._problem.screen, current, terms)
+        starts = self._starters(view)
+        if starts and not alone and len(current.structure.terms) + 1 < MOST_EFFECTS:
+            starts += [view.start(pair) for pair in _pairs(view)]
+        return _promised(view), starts
+
+    def _start(self, current: Fit, added: Any, values: Any) -> tuple[Structure, FloatArray]:
+        """A start as a journal has it."""
+        effects = {effect.name: effect for effect in self._effects}
+        structure = current.structure
+        for name, sites, shared in added:
+            term = Term(effect=effects[name], sites=tuple(sites), shared=shared)
+            structure = structure.with_term(term)
+        return structure, unpacked(values)[0]
 
     def _at_floor(self, current: Fit, base: Evidence) -> bool:
         """Whether a fit leaves nothing to explain, in stretches or in what the gap is told of.

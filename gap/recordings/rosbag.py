@@ -1,0 +1,253 @@
+"""Bags of ROS 2, MCAP and SQLite alike, as recordings; ROS itself is not needed.
+
+    recording = load_bag("run_1", command_topic="/joint_commands")
+    recording.save("run_1.csv")
+
+Needs `pip install 'walkerkit[rosbag]'`. `sensor_msgs/JointState` says where the joints were;
+commands come from a topic of `JointState`, `trajectory_msgs/JointTrajectory` (each trajectory's
+first point) or `std_msgs/Float64MultiArray`. Each joint state is a row; a command holds from when
+it was given until the next one of its joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.errors import InputError, closest, one_line, refusal
+from walkerkit.gap.recordings.recording import Recording
+
+FloatArray = NDArray[np.float64]
+TargetKind = Literal["position", "velocity", "effort"]
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+ARRAY = "std_msgs/msg/Float64MultiArray"
+_FIELDS = {
+    JOINT_STATE: ("name", "position", "velocity", "effort"),
+    TRAJECTORY: ("joint_names", "positions", "velocities", "effort"),
+}
+_KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
+_NANO = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Message:
+    """What one message says: when it was received and stamped [ns], and its joints' values."""
+
+    received: int
+    stamped: int
+    values: dict[str, dict[TargetKind, float]]
+
+
+def load_bag(
+    path: str | Path,
+    *,
+    command_topic: str,
+    joint_topic: str = "/joint_states",
+    joints: Sequence[str] = (),
+    target: TargetKind = "position",
+    name: str | None = None,
+) -> Recording:
+    """Reads the joints' states and commands of one bag.
+
+    Args:
+        path: the bag's folder, or its MCAP file.
+        command_topic: where the commands are.
+        joint_topic: where the states are.
+        joints: the joints of a `Float64MultiArray`, in its order.
+        target: what its numbers are: targets of position [rad; m], velocity [rad/s; m/s] or
+            effort [N·m; N].
+        name: of the recording; by default the bag's.
+
+    Returns:
+        A row for each joint state from the first commands on. Its time starts at 0; its notes say
+        what was left out.
+
+    Raises:
+        ImportError: the package rosbags is not installed.
+        InputError: there is no such bag or topic, or it holds something else.
+    """
+    path = Path(path)
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise ImportError(
+            "this needs the package rosbags, which is not installed: "
+            "pip install 'walkerkit[rosbag]'"
+        ) from None
+    if not path.exists():
+        raise refusal(f"{path}: no such bag. Check the path.")
+    folder = path.parent if path.is_file() and (path.parent / "metadata.yaml").exists() else path
+    try:
+        store = get_typestore(Stores.LATEST)
+        with AnyReader([folder], default_typestore=store) as reader:
+            states = _messages(reader, path, joint_topic, (JOINT_STATE,), (), "position")
+            commands = _messages(
+                reader, path, command_topic, (JOINT_STATE, TRAJECTORY, ARRAY), joints, target
+            )
+    except InputError:
+        raise
+    except (AnyReaderError, OSError, ValueError, KeyError) as error:
+        raise refusal(
+            f"{path}: cannot be read as a bag of ROS 2 ({one_line(error)}). Give the folder with "
+            "its metadata.yaml."
+        ) from error
+    return _Rows(path, joint_topic, command_topic, states, commands).recording(name)
+
+
+def _messages(
+    reader: Any,
+    path: Path,
+    topic: str,
+    types: Sequence[str],
+    joints: Sequence[str],
+    target: TargetKind,
+) -> list[_Message]:
+    found = {c.topic: c for c in reader.connections}
+    if topic not in found:
+        raise refusal(
+            f"{path}: no topic {topic!r}{closest(topic, found)}. It has "
+            f"{', '.join(f'{name} ({c.msgtype})' for name, c in sorted(found.items()))}."
+        )
+    kind = found[topic].msgtype
+    if kind not in types:
+        raise refusal(
+            f"{path}: topic {topic!r} is of {kind}. Give one of {', '.join(types)} instead."
+        )
+    if kind == ARRAY and not joints:
+        raise refusal(
+            f"{path}: topic {topic!r} is of {kind}, which does not name its joints. Give their "
+            "names in its order: joints=[...]."
+        )
+    messages = []
+    chosen = [c for c in reader.connections if c.topic == topic]
+    for _, received, raw in reader.messages(connections=chosen):
+        message = reader.deserialize(raw, kind)
+        if kind == ARRAY:
+            if len(message.data) != len(joints):
+                raise refusal(
+                    f"{path}: topic {topic!r} has messages of {len(message.data)} numbers, and "
+                    f"{len(joints)} joints were given. Name each of its joints once."
+                )
+            pairs = zip(joints, message.data, strict=True)
+            values = {joint: {target: float(value)} for joint, value in pairs}
+            stamped = 0
+        else:
+            values = dict(_named(message, kind))
+            stamped = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        messages.append(_Message(received=received, stamped=stamped, values=values))
+    if not messages:
+        raise refusal(f"{path}: topic {topic!r} has no messages. Record it again.")
+    return messages
+
+
+def _named(message: Any, kind: str) -> Iterator[tuple[str, dict[TargetKind, float]]]:
+    names, *fields = _FIELDS[kind]
+    source = message
+    if kind == TRAJECTORY:
+        if not message.points:
+            return
+        source = message.points[0]
+    given = [getattr(source, field) for field in fields]
+    for k, joint in enumerate(getattr(message, names)):
+        yield (
+            joint,
+            {
+                signal: float(values[k])
+                for signal, values in zip(_KINDS, given, strict=True)
+                if k < len(values) and np.isfinite(values[k])
+            },
+        )
+
+
+class _Rows:
+    """States and commands on one clock."""
+
+    def __init__(
+        self,
+        path: Path,
+        joint_topic: str,
+        command_topic: str,
+        states: list[_Message],
+        commands: list[_Message],
+    ):
+        self._path = path
+        self._joint_topic, self._command_topic = joint_topic, command_topic
+        self._notes: list[str] = []
+        most = max((tuple(s.values) for s in states), key=len)
+        whole = [s for s in states if set(s.values) >= set(most)]
+        if len(whole) < len(states):
+            self._notes.append(
+                f"{len(states) - len(whole)} messages of {joint_topic} lack some of the joints "
+                "and were left out"
+            )
+        stamped = all(s.stamped for s in whole)
+        times = [s.stamped if stamped else s.received for s in whole]
+        if stamped and not all(c.stamped for c in commands):
+            # Commands know when they were received only; states tell how the clocks differ.
+            ahead = int(np.median([s.received - s.stamped for s in whole]))
+            given = [c.received - ahead for c in commands]
+            self._notes.append(
+                f"commands of {command_topic} have no stamps; they count from when they were "
+                "received"
+            )
+        else:
+            given = [c.stamped if stamped else c.received for c in commands]
+        order = sorted(range(len(times)), key=times.__getitem__)
+        kept = [i for n, i in enumerate(order) if not n or times[i] > times[order[n - 1]]]
+        if len(kept) < len(times):
+            self._notes.append(f"{len(times) - len(kept)} joint states repeat a stamp: left out")
+        self._states = [whole[i] for i in kept]
+        self._time = np.array([times[i] for i in kept])
+        order = sorted(range(len(given)), key=given.__getitem__)
+        self._commands = [commands[i] for i in order]
+        self._given = np.array([given[i] for i in order])
+
+    def recording(self, name: str | None) -> Recording:
+        """The rows from the first commands on."""
+        joints = list(self._states[0].values)
+        targets: dict[str, FloatArray] = {}
+        for joint in joints:
+            for kind in _KINDS:
+                which = [k for k, c in enumerate(self._commands) if kind in c.values.get(joint, {})]
+                if not which:
+                    continue
+                values = np.array([self._commands[k].values[joint][kind] for k in which])
+                last = np.searchsorted(self._given[which], self._time, side="right") - 1
+                targets[f"{joint}/{kind}_target"] = np.where(last < 0, np.nan, values[last])
+        if not targets:
+            known = {joint for c in self._commands for joint in c.values}
+            raise refusal(
+                f"{self._path}: {self._command_topic!r} commands {', '.join(sorted(known))}, none "
+                f"of the joints of {self._joint_topic!r}: {', '.join(joints)}. Rename them."
+            )
+        ready = np.all([np.isfinite(values) for values in targets.values()], axis=0)
+        if not ready.any():
+            raise refusal(
+                f"{self._path}: no joint state comes after the first command of each joint. "
+                "Record both topics at the same time."
+            )
+        first = int(np.argmax(ready))
+        if first:
+            self._notes.append(f"{first} joint states before the first commands were left out")
+        columns: dict[str, FloatArray] = {}
+        for joint in joints:
+            for kind in _KINDS:
+                measured = [s.values[joint].get(kind, np.nan) for s in self._states[first:]]
+                if np.isfinite(measured).all():
+                    columns[f"{joint}/{kind}"] = np.array(measured)
+        columns |= {column: values[first:] for column, values in targets.items()}
+        return Recording(
+            name=name or self._path.stem,
+            time=_NANO * (self._time[first:] - self._time[first]),
+            columns=columns,
+            source=self._path,
+            notes=tuple(self._notes),
+        )
