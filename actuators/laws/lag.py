@@ -9,13 +9,14 @@ Each simulation has a lag of its own, which is drawn within its bounds at the re
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-Random = np.random.Generator | np.random.RandomState
+Random: TypeAlias = "np.random.Generator | np.random.RandomState"  # numpy.random loads late
 
 
 @dataclass(frozen=True, kw_only=True)
