@@ -186,8 +186,8 @@ class Drivetrain:
         """Sets the command, and the controls that were kept, for the coming physics steps.
 
         Args:
-            action: (n,), or (n_sims, n), in [-1, 1]; what is outside is clipped. Controls of actuators that were
-                kept come last, in their own units.
+            action: (n,), or (n_sims, n), in [-1, 1]; what is outside is clipped. Controls of
+                actuators that were kept come last, in their own units.
 
         Raises:
             RuntimeError: the model has actuators that were kept and is not compiled yet.

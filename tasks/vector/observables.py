@@ -22,10 +22,31 @@ from walkerkit.tasks.vector.vector_task import Function
 FloatArray = NDArray[np.float64]
 
 _FIELDS: Final = (
-    "qpos qvel act ctrl qacc xpos xquat xmat xipos ximat geom_xpos geom_xmat site_xpos site_xmat "
-    "subtree_com cvel ten_length ten_velocity actuator_length actuator_velocity actuator_force "
-    "qfrc_actuator qfrc_constraint sensordata"
-).split()
+    "qpos",
+    "qvel",
+    "act",
+    "ctrl",
+    "qacc",
+    "xpos",
+    "xquat",
+    "xmat",
+    "xipos",
+    "ximat",
+    "geom_xpos",
+    "geom_xmat",
+    "site_xpos",
+    "site_xmat",
+    "subtree_com",
+    "cvel",
+    "ten_length",
+    "ten_velocity",
+    "actuator_length",
+    "actuator_velocity",
+    "actuator_force",
+    "qfrc_actuator",
+    "qfrc_constraint",
+    "sensordata",
+)
 _TARGETS: Final = ("position_target", "velocity_target", "effort_target")
 _EFFORTS: Final = ("computed_effort", "applied_effort")
 
