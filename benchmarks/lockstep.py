@@ -7,6 +7,7 @@ same controls, which the law has written before, and computes nothing: what is b
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -69,7 +70,7 @@ def _motors() -> list[ActuatorCfg]:
 def _learned(folder: Path) -> ActuatorCfg:
     """A network of the size that is asked for, whose robot goes limp."""
     rng = np.random.default_rng(0)
-    pairs = list(zip(LAYERS[:-1], LAYERS[1:], strict=True))
+    pairs = list(pairwise(LAYERS))
     Mlp(
         weights=[rng.normal(size=(out, n)) / np.sqrt(n) for n, out in pairs],
         biases=[np.zeros(out) for _, out in pairs],

@@ -337,10 +337,9 @@ class Commander:
         return ActuatorCmd(**targets)
 
     def _at_rest(self, batch_shape: tuple[int, ...]) -> dict[str, FloatArray]:
-        return {
-            name: np.array(np.broadcast_to(rest, (*batch_shape, len(rest))))
-            for name, rest in self._rest.items()
-        }
+        if not batch_shape:
+            return {name: rest.copy() for name, rest in self._rest.items()}
+        return {name: np.tile(rest, (*batch_shape, 1)) for name, rest in self._rest.items()}
 
     def action(self, cmd: ActuatorCmd) -> FloatArray:
         """The action that asks for a command, the inverse of `command`.

@@ -76,12 +76,20 @@ class DelayLine:
         self._head = 0
         self._same: int | None = None
         self._sources: _Sources | None = None
+        self._last: FloatArray | None = None
+        self._times = 0
+        self._settled: FloatArray = self._ring[0]
         self.reset(None)
 
     @property
     def lag(self) -> IntArray:
         """The present lag [steps], () or (n_sims,), a copy."""
         return self._lag.copy()
+
+    @property
+    def settled(self) -> bool:
+        """Nothing else comes out until something else is pushed, or the line is reset."""
+        return self._last is not None and self._times == self._size and not self._wanders
 
     @property
     def bounds(self) -> tuple[IntArray, IntArray]:
@@ -117,6 +125,7 @@ class DelayLine:
         self._age[at] = 0
         self._fresh[at] = True
         self._any_fresh = True
+        self._last = None
         self._settle()
 
     def adopt(self, row: int, line: DelayLine) -> None:
@@ -134,15 +143,27 @@ class DelayLine:
         self._settle()
 
     def push(self, target: FloatArray) -> FloatArray:
-        """Takes the present target and gives the delayed one, a view of the line."""
+        """Takes the present target and gives the delayed one, a view of the line.
+
+        The same object comes out as long as a target that nobody can write to has filled the line.
+        """
         if self._wanders:
             self._wander()
+        if target is self._last:
+            if self._times == self._size:
+                return self._settled
+            self._times += 1
+        else:
+            self._last = None if target.flags.writeable else target
+            self._times = 1
         self._head = head = (self._head + 1) % self._size
         self._ring[head] = target
         if self._any_fresh:
             self._ring[:, self._fresh] = target[self._fresh]
             self._fresh[...] = False
             self._any_fresh = False
+        if self._times == self._size:
+            self._settled = self._ring[head]
         if self._same is not None:
             return self._ring[head - self._same]  # type: ignore[no-any-return]
         return self._ring[head - self._lag, np.arange(len(self._lag))]
