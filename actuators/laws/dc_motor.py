@@ -57,20 +57,20 @@ class DcMotorClip:
         shape: tuple[int, ...],
     ):
         self._line = saturation_effort / velocity_limit
-        self._stalls = np.empty((2, *shape))
-        self._stalls[0], self._stalls[1] = saturation_effort, -saturation_effort
+        self._stall, self._reverse = saturation_effort, -saturation_effort
         self._most, self._least = effort_limit, -effort_limit
-        self._lost, self._bounds = np.empty(shape), np.empty((2, *shape))
-        self._high, self._low = self._bounds
+        self._lost, self._bound = np.empty(shape), np.empty(shape)
 
     def __call__(self, effort: FloatArray, qd: FloatArray) -> FloatArray:
         """The effort that is left, a new array (..., n_joints) [N·m; N]."""
         # Held first by the line and then by the limit, which has the last word beyond them both:
         # the same as bounds that are held within the limit, in fewer calls. The speed is not
         # clipped, so that it is exact and symmetric.
-        subtract(self._stalls, multiply(qd, self._line, self._lost), self._bounds)
-        left: FloatArray = minimum(effort, self._high)
-        maximum(left, self._low, out=left)
+        lost = multiply(qd, self._line, self._lost)
+        bound = subtract(self._stall, lost, self._bound)
+        left: FloatArray = minimum(effort, bound)
+        bound = subtract(self._reverse, lost, self._bound)
+        maximum(left, bound, out=left)
         minimum(left, self._most, out=left)
         maximum(left, self._least, out=left)
         return left
