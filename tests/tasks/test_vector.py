@@ -15,9 +15,7 @@ from walkerkit.actuators import (
     DelayedActuatorCfg,
     IdealPdActuatorCfg,
     LearnedMlpActuatorCfg,
-    randomize_armature,
-    randomize_delay,
-    randomize_pd_gains,
+    Randomization,
 )
 from walkerkit.actuators.drivetrain import StribeckFriction
 from walkerkit.actuators.networks.mlp import Mlp
@@ -152,9 +150,10 @@ class TestSameAsSingleEnvironments:
 
     def test_randomized_actuators(self):
         randomizations = (
-            randomize_pd_gains(stiffness=(0.5, 1.5), damping=(0.5, 1.5)),
-            randomize_armature((0.5, 2.0)),
-            randomize_delay((0, 4)),
+            Randomization(parameter="stiffness", range=(0.5, 1.5)),
+            Randomization(parameter="strength", range=(0.5, 1.0), shared=True),
+            Randomization(parameter="armature", range=(0.5, 2.0)),
+            Randomization(parameter="delay", range=(0, 4), operation="abs"),
         )
 
         def task():
