@@ -67,6 +67,7 @@ class Copies:
         if n_sims < 1:
             raise ValueError(f"n_sims is {n_sims}; it should be at least 1")
         self.task, self.n_sims = make_task(), n_sims
+        twin = _twin(self.task, make_task)
         self._random = np.random.RandomState(0)
         self._composer = composer.Environment(
             self.task, random_state=self._random, recompile_mjcf_every_episode=False
@@ -76,7 +77,7 @@ class Copies:
         model = _compiled(self.task, self._composer.physics, edit)
         self._lockstep = LockStep(model, n_sims, n_threads=n_threads)
         # The first one's actuators draw what an episode begins with; these run it.
-        self._drivetrain = walker_of(_twin(self.task, make_task)).drivetrain
+        self._drivetrain = walker_of(twin).drivetrain
         self._drivetrain.initialize(self._lockstep)
         self._live = {name: self._lockstep.live(name) for name in _LIVE}
         self._bound: dict[str, NDArray[Any]] = {}

@@ -20,7 +20,6 @@ from walkerkit.actuators import (
 from walkerkit.actuators.drivetrain import StribeckFriction
 from walkerkit.actuators.networks.mlp import Mlp
 from walkerkit.tasks import FallLimits, JointPositionAction, Stand, TrackVelocity
-from walkerkit.tasks.falls import STANDING
 from walkerkit.tasks.vector.copies import Copies
 from walkerkit.walkers import QUADRUPED_XML, MjcfWalker, Quadruped
 from walkerkit.walkers.quadruped import QUADRUPED_DRIVES
@@ -139,14 +138,14 @@ class TestSameAsSingleEnvironments:
 
     def test_falls_of_each_kind(self):
         for limits in (
-            FallLimits(contact=False, height=0.0),
-            FallLimits(contact=False, tilt=np.pi, height=0.8),
+            FallLimits(contact=False, tilt=0.1, height=0.0),
+            FallLimits(contact=False, tilt=np.pi, height=0.95),
             FallLimits(height=0.0, tilt=np.pi),
         ):
             fell, _ = compare(
                 lambda limits=limits: Stand(Quadruped(action=ACTION), fall=limits), steps=25
             )
-            assert fell or limits.tilt == STANDING.tilt
+            assert fell
 
     def test_randomized_actuators(self):
         randomizations = (
@@ -232,7 +231,10 @@ class TestGymnasium:
                 np.testing.assert_array_equal(one[3], two[3])
                 assert ("final_obs" in one[4]) == ("final_obs" in two[4])
                 if "final_obs" in one[4]:
-                    _same(one[4]["final_obs"], two[4]["final_obs"])
+                    final = zip(one[4]["final_obs"], two[4]["final_obs"], strict=True)
+                    for mine, others in final:
+                        if others is not None:
+                            _same(mine, others)
                     np.testing.assert_array_equal(one[4]["_final_obs"], two[4]["_final_obs"])
                 ends += int((one[2] | one[3]).sum())
             assert ends
