@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from dm_control import composer
 from dm_control.locomotion.arenas import floors
-from dm_control.locomotion.tasks import go_to_target
 
 from walkerkit.actuators import (
     BuiltinPositionActuatorCfg,
@@ -92,10 +91,10 @@ def singles(make_task, n=N, *, seed=0, limit=LIMIT, **options):
     ]
 
 
-def compare(make_task, *, steps=30, seed=0, actions=None):
+def compare(make_task, *, steps=30, seed=0, actions=None, limit=LIMIT):
     """Both go on for some steps; how many episodes fell and how many ran into their limit."""
-    environments = WalkerVectorEnv(make_task, N, time_limit=LIMIT)
-    others = singles(make_task, seed=seed)
+    environments = WalkerVectorEnv(make_task, N, time_limit=limit)
+    others = singles(make_task, seed=seed, limit=limit)
     seen, _ = environments.reset(seed=seed)
     reached = [other.reset() for other in others]
     rng = np.random.default_rng(seed)
@@ -143,7 +142,10 @@ class TestSameAsSingleEnvironments:
             FallLimits(height=0.0, tilt=np.pi),
         ):
             fell, _ = compare(
-                lambda limits=limits: Stand(Quadruped(action=ACTION), fall=limits), steps=25
+                lambda limits=limits: Stand(Quadruped(action=ACTION), fall=limits),
+                steps=40,
+                limit=2.0,
+                actions=np.tile([0.3, 1.0, -1.0], (N, 4)),
             )
             assert fell
 
@@ -173,10 +175,7 @@ class TestSameAsSingleEnvironments:
 
     def test_of_another_task_with_functions(self):
         def task():
-            walker = Quadruped(actuators=late(2, 2))
-            return go_to_target.GoToTarget(
-                walker, floors.Floor(), physics_timestep=0.002, control_timestep=0.02
-            )
+            return Dropped(Quadruped(actuators=late(2, 2)))
 
         environments = WalkerVectorEnv(
             task,
@@ -185,7 +184,7 @@ class TestSameAsSingleEnvironments:
             reward=lambda copies: copies.field("xpos")[:, 1, 2],
             terminated=lambda copies: copies.time > 1.0,
         )
-        seen, _ = environments.reset(seed=3)
+        environments.reset(seed=3)
         others = singles(task, seed=3)
         for other in others:
             other.reset()
@@ -196,6 +195,27 @@ class TestSameAsSingleEnvironments:
                 other.step(actions[i])
                 np.testing.assert_array_equal(seen["qpos"][i], other.physics.data.qpos)
                 assert rewards[i] == other.physics.data.xpos[1, 2]
+
+
+class Dropped(composer.NullTask):
+    """Of somebody else: a walker falls from anywhere."""
+
+    def __init__(self, walker):
+        arena = floors.Floor()
+        self.walker = walker
+        walker.create_root_joints(arena.attach(walker))
+        super().__init__(arena)
+        self.set_timesteps(control_timestep=0.02, physics_timestep=0.002)
+
+    def initialize_episode(self, physics, random_state):
+        self.walker.reinitialize_pose(physics, random_state)
+        self.walker.shift_pose(physics, position=[0, 0, random_state.uniform(0.1, 0.3)])
+
+    def action_spec(self, physics):
+        return self.walker.action_spec
+
+    def before_step(self, physics, action, random_state):
+        self.walker.apply_action(physics, action, random_state)
 
 
 def stand():
