@@ -227,7 +227,7 @@ class TestGymnasium:
         shimmy = pytest.importorskip("shimmy")
 
         def single():
-            (environment,) = singles(stand, 1)
+            (environment,) = singles(stand, 1, recompile_mjcf_every_episode=False)
             return shimmy.DmControlCompatibilityV0(environment)
 
         for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP):
