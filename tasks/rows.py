@@ -25,7 +25,7 @@ def closeness(error: ArrayLike, scale: ArrayLike) -> FloatArray:
         error: what is off, (..., n), in the unit of the scale.
         scale: σ, above 0, a number or what goes with the errors.
     """
-    far = np.minimum(np.abs(np.asarray(error, dtype=np.float64) / scale), _FAR)
+    far = np.minimum(np.abs(np.asarray(error, dtype=np.float64) / np.asarray(scale)), _FAR)
     return _mean(np.exp(-(far**2)))
 
 

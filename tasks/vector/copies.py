@@ -77,7 +77,7 @@ class Copies:
         model = _compiled(self.task, self._composer.physics, edit)
         self._lockstep = LockStep(model, n_sims, n_threads=n_threads)
         # The first one's actuators draw what an episode begins with; these run it.
-        self._drivetrain = walker_of(twin).drivetrain
+        self._drivetrain: Drivetrain = walker_of(twin).drivetrain
         self._drivetrain.initialize(self._lockstep)
         self._live = {name: self._lockstep.live(name) for name in _LIVE}
         self._bound: dict[str, NDArray[Any]] = {}

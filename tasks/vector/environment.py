@@ -48,7 +48,7 @@ Observations = dict[str, FloatArray]
 Step = tuple[Observations, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
-class WalkerVectorEnv(gymnasium.vector.VectorEnv[Observations, FloatArray, FloatArray]):
+class WalkerVectorEnv(gymnasium.vector.VectorEnv[Observations, FloatArray, NDArray[Any]]):
     """Many copies of a task's walker.
 
     Args:
@@ -97,10 +97,9 @@ class WalkerVectorEnv(gymnasium.vector.VectorEnv[Observations, FloatArray, Float
         )
         if self._task is not None:
             self._task.attach(self.copies)
-        self._reward = _chosen("reward", reward, self._task and self._task.reward, first)
-        self._terminated = _chosen(
-            "terminated", terminated, self._task and self._task.terminated, first
-        )
+        of_task = None if self._task is None else (self._task.reward, self._task.terminated)
+        self._reward = _chosen("reward", reward, of_task and of_task[0], first)
+        self._terminated = _chosen("terminated", terminated, of_task and of_task[1], first)
         self._time_limit = time_limit
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -155,11 +154,10 @@ class WalkerVectorEnv(gymnasium.vector.VectorEnv[Observations, FloatArray, Float
             raise ValueError(
                 f"reset_mask should be {self.num_envs} of bool, got {mask.dtype} of {mask.shape}"
             )
-        chosen = np.flatnonzero(mask)
-        for row in chosen:
-            if seeds[row] is not None:
-                self._randoms[row] = np.random.RandomState(seeds[row])
-        self._begin(chosen)
+        for row, chosen in enumerate(seeds):
+            if mask[row] and chosen is not None:
+                self._randoms[row] = np.random.RandomState(chosen)
+        self._begin(np.flatnonzero(mask))
         return self._observe(), {}
 
     def step(self, actions: ArrayLike) -> Step:
