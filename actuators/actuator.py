@@ -18,7 +18,7 @@ actuator serves one physics, with arrays `(n_joints,)`, and a `mujoco.batch.Batc
 from __future__ import annotations
 
 import abc
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-Random = np.random.Generator | np.random.RandomState
+Random: TypeAlias = "np.random.Generator | np.random.RandomState"  # numpy.random loads late
 Targets = tuple[FloatArray | None, FloatArray | None, FloatArray | None]
 """Of position, velocity and effort."""
 Rows = IntArray | None

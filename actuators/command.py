@@ -70,7 +70,10 @@ class ActuatorCmd:
         part = object.__new__(ActuatorCmd)
         for name in TARGETS:
             value = getattr(self, name)
-            object.__setattr__(part, name, None if value is None else value[..., joints])
+            if value is not None:
+                value = value[..., joints]
+                value.flags.writeable = False
+            object.__setattr__(part, name, value)
         return part
 
 

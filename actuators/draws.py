@@ -13,7 +13,6 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from walkerkit.actuators.actuator import Random
 from walkerkit.actuators.arguments import check_number, plain
@@ -110,6 +109,9 @@ def draw(pair: tuple[float, float], distribution: Distribution, share: FloatArra
     elif distribution == "log_uniform":
         draws = np.exp(np.log(first) + share * (np.log(second) - np.log(first)))
     else:
+        # SciPy takes longer to import than all of this package, and few draws need it.
+        from scipy.special import ndtr, ndtri
+
         tail = ndtr(-CUT)
         draws = first + second * ndtri(tail + share * (1 - 2 * tail))
     # What rounding leaves outside would be impossible where the end itself is just possible.

@@ -136,9 +136,10 @@ class ExplicitActuator(TargetedActuator):
         super().__init__(cfg)
         self._law: Law | None = None
         self._strength: FloatArray | None = None
-        self._efforts: tuple[FloatArray, FloatArray, Any] = np.zeros(0), np.zeros(0), ...
+        self._efforts: list[FloatArray] = [np.zeros(0), np.zeros(0)]
+        self._columns: Any = ...
         self.on_change: Callable[[], None] | None = None
-        """Is called when parameters have changed."""
+        """Is called when parameters have changed, or when efforts are no longer shared."""
 
     def _element(self, target: Any, name: str, numbers: Mapping[str, float]) -> Any:
         gear = {"gear": self.cfg.gear} if self.cfg.gear else {}
@@ -148,7 +149,7 @@ class ExplicitActuator(TargetedActuator):
         self._law = self.cfg.law(self._numbers)
         self._law.allocate(self.shape)
         self._strength = None
-        self.note(np.zeros(self.shape), np.zeros(self.shape))
+        self._note(np.zeros(self.shape), np.zeros(self.shape))
         if self.cfg.transmission == "joint" and {"stiffness", "damping"} <= {*self._law.names}:
             self.warn_unstable(self._law.get("stiffness"), self._law.get("damping"))
 
@@ -163,18 +164,23 @@ class ExplicitActuator(TargetedActuator):
         computed, applied = self.law.effort(position_target, velocity_target, effort_target, q, qd)
         if self._strength is not None:
             applied *= self._strength
-        self.note(computed, applied)
+        self._note(computed, applied)
         return applied
 
-    def note(self, computed: FloatArray, applied: FloatArray, columns: Any = ...) -> None:
-        """Keeps the efforts of a step.
+    def share(self, efforts: list[FloatArray], columns: Any) -> None:
+        """Has the efforts of each step in common with other actuators, until it makes its own.
 
         Args:
-            computed: before any limit [N·m; N], of these joints and perhaps of others.
-            applied: after the limits [N·m; N], likewise; nobody may write to either any more.
+            efforts: before any limit and after the limits [N·m; N], of these joints and of others;
+                arrays take each other's place in it, but nobody may write to them.
             columns: what indexes these joints in them.
         """
-        self._efforts = computed, applied, columns
+        self._efforts, self._columns = efforts, columns
+
+    def _note(self, computed: FloatArray, applied: FloatArray) -> None:
+        self._efforts, self._columns = [computed, applied], ...
+        if self.on_change is not None:
+            self.on_change()
 
     @property
     def law(self) -> Law:
@@ -206,14 +212,12 @@ class ExplicitActuator(TargetedActuator):
     @property
     def computed_effort(self) -> FloatArray:
         """As in `Actuator`."""
-        computed, _, columns = self._efforts
-        return np.array(computed[columns])
+        return np.array(self._efforts[0][self._columns])
 
     @property
     def applied_effort(self) -> FloatArray:
         """As in `Actuator`."""
-        _, applied, columns = self._efforts
-        return np.array(applied[columns])
+        return np.array(self._efforts[1][self._columns])
 
     def _reset(self, rows: Rows, random_state: Random | None) -> None:
         del random_state
@@ -222,7 +226,7 @@ class ExplicitActuator(TargetedActuator):
         # Not in place: what `compute` returned belongs to whoever asked for it.
         computed, applied = self.computed_effort, self.applied_effort
         computed[at] = applied[at] = 0.0
-        self.note(computed, applied)
+        self._note(computed, applied)
 
     def _own(self) -> Mapping[str, FloatArray]:
         one = np.ones(len(self.joint_names))

@@ -170,7 +170,7 @@ class ActuatorGroup:
             cmd: as in `compute`.
         """
         again = cmd is self._last
-        parts = self._split(cmd)
+        parts = self._parts if again else self._split(cmd)
         for lot in self._joined:
             lot.apply(parts)
         for i in self._apart:

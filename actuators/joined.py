@@ -11,7 +11,8 @@ each actuator's own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,11 @@ from walkerkit.actuators.actuator import Actuator, Targets
 from walkerkit.actuators.command import ActuatorCmd
 from walkerkit.actuators.delayed import WORDS, DelayedActuator
 from walkerkit.actuators.explicit import ExplicitActuator
+from walkerkit.actuators.laws.lag import DelayLine
 from walkerkit.actuators.laws.law import Law
 from walkerkit.actuators.simulation import last_axis, viewed
 
 FloatArray = NDArray[np.float64]
-Push = Callable[[FloatArray], FloatArray]
 
 
 def joined(actuators: Sequence[Actuator]) -> tuple[list[Joined], list[int]]:
@@ -39,12 +40,10 @@ def joined(actuators: Sequence[Actuator]) -> tuple[list[Joined], list[int]]:
     lots: dict[type[Law], list[int]] = {}
     for i, actuator in enumerate(actuators):
         base = _base(actuator)
-        # In a batch the numbers count, and not the calls.
         if (
             isinstance(base, ExplicitActuator)
             and base.law.joinable
             and base.cfg.transmission == "joint"
-            and not base.simulation.batch_shape
         ):
             lots.setdefault(type(base.law), []).append(i)
     chosen = [lot for lot in lots.values() if len(lot) > 1]
@@ -53,8 +52,20 @@ def joined(actuators: Sequence[Actuator]) -> tuple[list[Joined], list[int]]:
     return [Joined(actuators, lot) for lot in chosen], apart
 
 
+class _Late:
+    """A target on its way through a delay to its columns of a row."""
+
+    def __init__(self, line: DelayLine, target: FloatArray, row: FloatArray, columns: Any):
+        self._line, self._target, self._row, self._columns = line, target, row, columns
+
+    def move(self) -> bool:
+        """Moves it on by a step; whether it has arrived for good."""
+        self._row[self._columns] = self._line.push(self._target)
+        return self._line.settled
+
+
 class Joined:
-    """Several explicit actuators of one physics, whose laws are of one class.
+    """Several explicit actuators of one physics or one batch, whose laws are of one class.
 
     Args:
         actuators: of one robot, initialized.
@@ -69,20 +80,25 @@ class Joined:
         simulation = self._bases[0].simulation
         joints = np.concatenate([base.joint_ids for base in self._bases])
         order = np.argsort(joints)
-        self._size = len(joints)
+        batch_shape = simulation.batch_shape
+        self._shape = (*batch_shape, len(joints))
         # Where each one's joints are among all of them, in kinematic order.
         places_of_all = np.argsort(order)
         ends = np.cumsum([len(base.joint_ids) for base in self._bases])[:-1]
-        self._columns = tuple(np.split(places_of_all, ends))
+        # A vector is indexed by them alone, which takes a ninth of the time.
+        self._columns: tuple[Any, ...] = tuple(
+            (..., columns) if batch_shape else columns for columns in np.split(places_of_all, ends)
+        )
         model, joints = simulation.model, joints[order]
         self._q, self._q_at = viewed(simulation.state("qpos"), model.jnt_qposadr[joints])
         self._qd, self._qd_at = viewed(simulation.state("qvel"), model.jnt_dofadr[joints])
         self._ctrl = simulation.state("ctrl")
         controls = np.concatenate([base.ctrl_ids for base in self._bases])[order]
         self._ctrl_at = last_axis(self._ctrl, controls)
-        self._rows = tuple(np.zeros((3, self._size)))
+        self._rows = tuple(np.zeros((3, *self._shape)))
         self._given: Targets = None, None, None
-        self._late: list[tuple[FloatArray, NDArray[np.intp], Push, FloatArray]] = []
+        self._late: list[_Late] = []
+        self._efforts: list[FloatArray] = [*np.zeros((2, *self._shape))]
         self._parts: Sequence[ActuatorCmd] | None = None
         self._outdated = True
         for base in self._bases:
@@ -100,15 +116,14 @@ class Joined:
             self._join()
         if parts is not self._parts:
             self._take(parts)
-        for row, columns, push, target in self._late:
-            row[columns] = push(target)
+        if self._late:
+            self._late = [late for late in self._late if not late.move()]
         q = self._q if self._q_at is None else self._q[self._q_at]
         qd = self._qd if self._qd_at is None else self._qd[self._qd_at]
         computed, applied = self._law.effort(*self._given, q, qd)
         if self._strength is not None:
             applied *= self._strength
-        for base, columns in zip(self._bases, self._columns, strict=True):
-            base.note(computed, applied, columns)
+        self._efforts[:] = computed, applied
         self._ctrl[self._ctrl_at] = applied
 
     def forget(self) -> None:
@@ -126,7 +141,7 @@ class Joined:
                 if target is None:
                     continue
                 if word in lines:
-                    self._late.append((row, columns, lines[word].push, target))
+                    self._late.append(_Late(lines[word], target, row, columns))
                 else:
                     row[columns] = target
         # Which targets there are is the same for all of them.
@@ -139,14 +154,16 @@ class Joined:
         self._outdated = True
 
     def _join(self) -> None:
-        """One law with the numbers of all."""
+        """One law with the numbers of all, and the efforts of all in one."""
         self._outdated = False
+        for base, columns in zip(self._bases, self._columns, strict=True):
+            base.share(self._efforts, columns)
         names = self._bases[0].law.names
         parameters = {
             name: self._together([base.law.get(name) for base in self._bases]) for name in names
         }
         self._law = type(self._bases[0].law)(parameters)
-        self._law.allocate((self._size,))
+        self._law.allocate(self._shape)
         strengths = [base.strength for base in self._bases]
         self._strength = None
         if any(strength is not None for strength in strengths):
@@ -155,7 +172,9 @@ class Joined:
             )
 
     def _together(self, values: Sequence[FloatArray]) -> FloatArray:
-        every = np.empty(self._size)
+        # Of simulations that differ, each has its own.
+        each = np.broadcast_shapes(*(value.shape[:-1] for value in values))
+        every = np.empty((*each, self._shape[-1]))
         for value, columns in zip(values, self._columns, strict=True):
             every[columns] = value
         return every

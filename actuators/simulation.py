@@ -88,12 +88,17 @@ class Simulation:
             return self._batch.expand(name)  # type: ignore[no-any-return]
         return np.asarray(getattr(self.model, name))
 
-    def commit(self, *names: str) -> None:
-        """Lets the constants that MuJoCo derives from these model fields follow them."""
+    def commit(self, *names: str, rows: NDArray[np.intp] | None = None) -> None:
+        """Lets the constants that MuJoCo derives from these model fields follow them.
+
+        Args:
+            names: the fields that were written to.
+            rows: simulations of the batch, rising; None for all.
+        """
         if not _SET_CONST_INPUTS.intersection(names):
             return
         if self._batch is not None:
-            self._batch.set_const()
+            self._batch.set_const(rows)
             return
         # mj_setConst moves its data to the reference pose: never the one that is being simulated.
         mujoco.mj_setConst(self.model, mujoco.MjData(self.model))

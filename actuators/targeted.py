@@ -290,7 +290,7 @@ class TargetedActuator(Actuator):
             return
         at = (..., self._places) if rows is None else np.ix_(rows, self._places)
         self.simulation.parameter(field)[at] = given
-        self.simulation.commit(field)
+        self.simulation.commit(field, rows=None if rows is None else np.unique(rows))
 
     @property
     def _places(self) -> IntArray:

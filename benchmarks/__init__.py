@@ -22,8 +22,10 @@ class Row:
         what: what was measured.
         result: what came out, with its unit.
         reference: what to hold it against, measured in the same run or known; may be empty.
+        required: what the result should reach; empty where it is only told.
     """
 
     what: str
     result: str
     reference: str = ""
+    required: str = ""

@@ -26,10 +26,10 @@ def main() -> None:
     for name in chosen.names:
         if name not in names:
             parser.error(f"no benchmark is called {name!r}; there are {', '.join(names)}")
-    table = Table("benchmark", "what", "result", "reference")
+    table = Table("benchmark", "what", "result", "reference", "required")
     for name in chosen.names or names:
         for row in importlib.import_module(f"benchmarks.{name}").run(quick=chosen.quick):
-            table.add_row(name, row.what, row.result, row.reference)
+            table.add_row(name, row.what, row.result, row.reference, row.required)
     Console().print(table)
 
 

@@ -8,14 +8,14 @@ with what dm_control's tasks observe of a walker.
 
 from __future__ import annotations
 
-import gc
-import time
+from functools import partial
 
 import numpy as np
 from dm_control import composer
 from dm_control.locomotion.arenas import floors
 
 from benchmarks import Row
+from benchmarks.timing import in_turns, ratio, told
 from walkerkit.actuators import (
     ActuatorCfg,
     BuiltinPositionActuatorCfg,
@@ -49,22 +49,29 @@ class _Hold(composer.Task):  # type: ignore[misc]
 
 
 def run(*, quick: bool) -> list[Row]:
-    """Times environment steps of both, in turns, and takes the fastest of many rounds of each."""
+    """Times environment steps of both, in turns."""
+    actions = np.random.default_rng(0).uniform(-1, 1, (10, 12))
     rows = []
     for observed, what in (
         (False, "nothing observed"),
         (True, "observed as by dm_control's tasks"),
     ):
         both = [_environment(cfgs, observed=observed) for cfgs in (_explicit(), _native())]
-        ours, native = _fastest(both, rounds=40 if quick else 300, steps=10)
+        seconds = in_turns(
+            [partial(_run, environment, actions) for environment in both],
+            rounds=40 if quick else 300,
+        )
+        ours, native = seconds.min(axis=0) / len(actions) * 1e6
+        ratios = told(ratio(seconds))
         rows.append(
             Row(
                 what=f"env.step, PD + DC motor + delay in Python, {what}",
-                result=f"{ours:.0f} µs, {ours / native:.2f}x",
+                result=f"{ours:.0f} µs, {ratios}",
                 reference=f"MuJoCo's position servos: {native:.0f} µs",
+                required="<= 1.15x",
             )
         )
-        print(f"  {what}: {ours:.0f} against {native:.0f} µs")
+        print(f"  {what}: {ours:.0f} against {native:.0f} µs, {ratios}")
     return rows
 
 
@@ -99,16 +106,6 @@ def _environment(cfgs: list[ActuatorCfg], *, observed: bool) -> composer.Environ
     return environment
 
 
-def _fastest(environments: list[composer.Environment], *, rounds: int, steps: int) -> list[float]:
-    """Microseconds a step of each, in the fastest of the rounds, which they take in turns."""
-    actions = np.random.default_rng(0).uniform(-1, 1, (steps, 12))
-    best = [float("inf")] * len(environments)
-    gc.disable()
-    for _ in range(rounds):
-        for i, environment in enumerate(environments):
-            start = time.perf_counter()
-            for action in actions:
-                environment.step(action)
-            best[i] = min(best[i], (time.perf_counter() - start) / steps * 1e6)
-    gc.enable()
-    return best
+def _run(environment: composer.Environment, actions: np.ndarray) -> None:
+    for action in actions:
+        environment.step(action)

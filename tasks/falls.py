@@ -80,6 +80,11 @@ class Ground:
         self._ground[ground] = True
         self._pairs = [(int(a), b) for a in ids for b in ground if _collide(model, a, b)]
 
+    @property
+    def watched(self) -> list[tuple[int, int]]:
+        """Pairs of geoms, of the walker and of the ground, that must not touch."""
+        return [(own, ground) for own, ground in self._pairs if self._body[own]]
+
     def touched(self, physics: Any) -> bool:
         """Something other than the link of an end effector touches the ground."""
         geom = physics.data.contact.geom
@@ -117,7 +122,7 @@ class FallDetector:
     """
 
     def __init__(self, limits: FallLimits, trunk: Trunk, ground: Ground):
-        self._limits = limits
+        self.limits = limits
         self._least_cos = math.cos(limits.tilt)
         self._trunk = trunk
         self._ground = ground
@@ -127,9 +132,9 @@ class FallDetector:
         found = []
         if self._trunk.cos_tilt(physics) < self._least_cos:
             found.append("tilt")
-        if self._trunk.height(physics) < self._limits.height * self._trunk.home_height:
+        if self._trunk.height(physics) < self.limits.height * self._trunk.home_height:
             found.append("height")
-        if self._limits.contact and self._ground.touched(physics):
+        if self.limits.contact and self._ground.touched(physics):
             found.append("contact")
         return found
 

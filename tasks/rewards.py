@@ -4,6 +4,7 @@
     reward = weighted_mean(terms, {"upright": 1.0, "effort": 0.1})
 
 A bounded reward says on its own how well things go, and none of its terms can drown the others.
+`rows` has the same terms for many robots at once.
 """
 
 from __future__ import annotations
@@ -12,12 +13,11 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from walkerkit.actuators.arguments import check_number
 from walkerkit.actuators.errors import closest, listed
-
-FloatArray = NDArray[np.float64]
+from walkerkit.tasks import rows
 
 
 def closeness(error: ArrayLike, scale: float) -> float:
@@ -27,10 +27,7 @@ def closeness(error: ArrayLike, scale: float) -> float:
         error: what is off, scalar or (n,), in the unit of the scale; 1 where there is nothing.
         scale: σ, above 0.
     """
-    errors = np.atleast_1d(np.asarray(error, dtype=np.float64))
-    # Not the square itself, which overflows where exp is long zero.
-    far = np.minimum(np.abs(errors / scale), 40.0)
-    return float(np.exp(-(far**2)).mean()) if errors.size else 1.0
+    return float(rows.closeness(np.atleast_1d(np.asarray(error, dtype=np.float64)), scale))
 
 
 def upright(cos_tilt: float) -> float:
@@ -39,7 +36,7 @@ def upright(cos_tilt: float) -> float:
     Args:
         cos_tilt: cosine of the angle θ from the upright pose.
     """
-    return float(np.clip((1.0 + cos_tilt) / 2.0, 0.0, 1.0))
+    return float(rows.upright(cos_tilt))
 
 
 def low_effort(effort: ArrayLike, limit: ArrayLike) -> float:
@@ -49,8 +46,7 @@ def low_effort(effort: ArrayLike, limit: ArrayLike) -> float:
         effort: (n,) [N·m; N]; 1 where there is nothing.
         limit: (n,) effort limits, above 0 [N·m; N]; an infinite one makes effort cost nothing.
     """
-    shares = np.minimum(np.abs(np.asarray(effort)) / np.asarray(limit), 1.0)
-    return float(1.0 - (shares**2).mean()) if shares.size else 1.0
+    return float(rows.low_effort(effort, limit))
 
 
 def smoothness(action: ArrayLike, previous: ArrayLike) -> float:
@@ -60,8 +56,7 @@ def smoothness(action: ArrayLike, previous: ArrayLike) -> float:
         action: (n,), in [-1, 1]; what is outside counts as if it were clipped.
         previous: the one before.
     """
-    now, before = (np.clip(np.asarray(a, dtype=np.float64), -1.0, 1.0) for a in (action, previous))
-    return float(1.0 - (((now - before) / 2.0) ** 2).mean()) if now.size else 1.0
+    return float(rows.smoothness(action, previous))
 
 
 def weighted_mean(terms: Mapping[str, float], weights: Mapping[str, float]) -> float:

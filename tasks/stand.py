@@ -29,8 +29,8 @@ from walkerkit.tasks.upright_task import UprightTask
 from walkerkit.walkers.drivetrain import Randomization
 
 _WEIGHTS: Final = {"upright": 1.0, "height": 1.0, "pose": 1.0, "effort": 0.2}
-_HEIGHT_SCALE: Final = 0.25  # of the height at home
-_POSE_SCALE: Final = 0.5  # rad, or m
+HEIGHT_SCALE: Final = 0.25  # of the height at home
+POSE_SCALE: Final = 0.5  # rad, or m
 
 
 class Stand(UprightTask):
@@ -81,8 +81,8 @@ class Stand(UprightTask):
         home = self._trunk.home_height
         return {
             "upright": self._upright(physics),
-            "height": closeness(self._trunk.height(physics) - home, _HEIGHT_SCALE * home),
-            "pose": closeness(self._pose_error(physics), _POSE_SCALE),
+            "height": closeness(self._trunk.height(physics) - home, HEIGHT_SCALE * home),
+            "pose": closeness(self._pose_error(physics), POSE_SCALE),
             "effort": self._low_effort(),
         }
 

@@ -45,8 +45,8 @@ _WEIGHTS: Final = {
     "effort": 0.1,
     "smoothness": 0.1,
 }
-_VELOCITY_SCALE: Final = 0.5  # m/s
-_YAW_RATE_SCALE: Final = 0.5  # rad/s
+VELOCITY_SCALE: Final = 0.5  # m/s
+YAW_RATE_SCALE: Final = 0.5  # rad/s
 
 
 class TrackVelocity(UprightTask):
@@ -117,8 +117,8 @@ class TrackVelocity(UprightTask):
         """`velocity`, `yaw_rate`, `upright`, `effort` and `smoothness`, as the module says."""
         error = self._trunk.velocity(physics) - self._command
         return {
-            "velocity": closeness(np.hypot(error[0], error[1]), _VELOCITY_SCALE),
-            "yaw_rate": closeness(error[2], _YAW_RATE_SCALE),
+            "velocity": closeness(np.hypot(error[0], error[1]), VELOCITY_SCALE),
+            "yaw_rate": closeness(error[2], YAW_RATE_SCALE),
             "upright": self._upright(physics),
             "effort": self._low_effort(),
             "smoothness": smoothness(self._walker.prev_action, self._previous_action),

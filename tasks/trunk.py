@@ -42,6 +42,11 @@ class Trunk:
         self._home = self._orientation(physics)
         self.home_height = self.height(physics)
 
+    @property
+    def home(self) -> FloatArray:
+        """Orientation of the body at the start of the episode, a rotation matrix (3, 3)."""
+        return self._home
+
     def cos_tilt(self, physics: Any) -> float:
         """Cosine of the angle between the body's present and its first upward axis."""
         return float(self._orientation(physics)[2] @ self._home[2])

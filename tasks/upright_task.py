@@ -151,6 +151,31 @@ class UprightTask(WalkerTask):
         """Why the walker counts as fallen: `tilt`, `height`, `contact`; empty while it stands."""
         return self._fallen
 
+    @property
+    def fall_limits(self) -> FallLimits:
+        """What counts as a fall."""
+        return self._falls.limits
+
+    @property
+    def trunk(self) -> Trunk:
+        """How the root body is held and moves."""
+        return self._trunk
+
+    @property
+    def ground(self) -> Ground:
+        """What the walker has to do with the ground."""
+        return self._ground
+
+    @property
+    def home_pose(self) -> FloatArray:
+        """Positions of the observed joints at home [rad; m], (n_joints,), a copy."""
+        return self._home.copy()
+
+    @property
+    def positions_at(self) -> NDArray[np.intp]:
+        """Places of these in `qpos`, (n_joints,), a copy."""
+        return self._positions_at.copy()
+
     def _pose_error(self, physics: Any) -> FloatArray:
         """How far the joints are from home [rad; m]."""
         return np.asarray(physics.data.qpos[self._positions_at] - self._home)

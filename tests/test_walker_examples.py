@@ -123,3 +123,11 @@ def test_video(repository, tmp_path, backend):
     # It shows something, which moves.
     assert np.ptp(pictures[0]) > 100
     assert np.abs(pictures[1] - pictures[0]).max() > 50
+
+
+def test_vector_env(example, capsys):
+    learned = example("vector_env").main(3, n=16, seconds=0.6)
+    assert learned.returns.shape == (3, 16)
+    assert learned.returns[-1].mean() > learned.returns[0].mean()
+    assert learned.steps_per_second > 0
+    assert "generation 2: mean reward" in capsys.readouterr().out

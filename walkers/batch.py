@@ -51,6 +51,10 @@ _KINDS = {
     "bad acceleration": mujoco.mjtWarning.mjWARN_BADQACC,
     "bad control": mujoco.mjtWarning.mjWARN_BADCTRL,
 }
+_NO_STAGE, _VELOCITY = (
+    int(stage) for stage in (mujoco.mjtStage.mjSTAGE_NONE, mujoco.mjtStage.mjSTAGE_VEL)
+)
+_NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 _CHECKED_EVERY = 16  # steps that one which has diverged may go on for
 # MuJoCo prints every instability and writes MUJOCO_LOG.TXT; a candidate that diverges is an
 # ordinary event here. The handler is called from threads without the interpreter lock, so it has
@@ -147,6 +151,7 @@ class LockStep:
         self.n_sims = n_sims
         # Waking a second thread takes longer than a step of a few simulations.
         self._batch = Batch(model, n_sims, 1 if n_sims < _WORTH_THREADS else n_threads)
+        self._flags: NDArray[np.int32] | None = None
         for name, values in (fields or {}).items():
             self._batch.expand(name)[...] = values
         if any(name in _SET_CONST_INPUTS for name in fields or {}):
@@ -226,6 +231,60 @@ class LockStep:
         except SimulationError as error:
             failed[error.ids] = True
         return self._done(out, failed)
+
+    @property
+    def batch(self) -> Batch:
+        """MuJoCo's own; actuators are initialized with what has one."""
+        return self._batch
+
+    def advance(
+        self,
+        n_steps: int,
+        before: Callable[[int], None],
+        *,
+        steady: bool = False,
+        ids: NDArray[np.intp] | None = None,
+    ) -> NDArray[np.bool_]:
+        """Advances simulations from where they are, asking before each step what to apply.
+
+        What MuJoCo derives from positions and velocities is then that of the state reached, as in
+        dm_control. Sensors are read in the last step only.
+
+        Args:
+            n_steps: how many steps, at least 1.
+            before: called with the number of the step.
+            steady: what is applied holds: call it ahead of the first and the last step only.
+            ids: the simulations, rising; None for all.
+
+        Returns:
+            (n_sims,) which simulations MuJoCo warned of or failed in, as `control.PhysicsError`
+            does in dm_control.
+        """
+        batch = self._batch
+        batch.warning[...] = 0
+        failed = np.zeros(self.n_sims, dtype=bool)
+        most = n_steps - 1
+        early = [(0, most)] if steady and most else [(k, 1) for k in range(most)]
+        with _QUIET:
+            for first, steps in [*early, (most, 1)]:
+                before(first)
+                last = first == most
+                if last or first == 0:
+                    self._sense(last)
+                try:
+                    batch.step(ids, steps, _VELOCITY if last else _NO_STAGE)
+                except SimulationError as error:
+                    failed[error.ids] = True
+        failed |= (batch.warning[:, :, 1] > 0).any(axis=1)
+        return failed
+
+    def _sense(self, wanted: bool) -> None:
+        """Whether the next steps read the sensors, unless some keep a history of every step."""
+        if self.model.nsensor and not self.model.sensor_history[:, 0].any():
+            if self._flags is None:
+                self._flags = self._batch.expand("opt.disableflags")
+            own = int(self.model.opt.disableflags)
+            self._flags[...] = own if wanted else own | _NO_SENSORS
 
     def live(self, name: str) -> FloatArray:
         """A field of the simulations' states, (n_sims, *shape), live and writable.

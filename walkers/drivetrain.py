@@ -8,6 +8,8 @@
     drivetrain.run()                           # before each physics step
 
 It knows neither walkers nor tasks: composer walkers and the physics of suite tasks have one each.
+Initialized with a `LockStep` batch, it drives all its simulations, with one row of an action each;
+`adopt` then stands for `reset`.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators import ActuatorCfg, ActuatorCmd, ActuatorGroup
+from walkerkit.actuators.adoption import Adoption
+from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw, LawRunner
 from walkerkit.actuators.selection import select
@@ -106,6 +110,8 @@ class Drivetrain:
         self._names = (*self._commander.names, *map(_kept_name, self.kept))
         self._ctrl: FloatArray = np.zeros(0)
         self._kept_at: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+        self._batch_shape: tuple[int, ...] = ()
+        self._adoption: Adoption | None = None
         self.command: ActuatorCmd = self._commander.rest()
         self.last_action: FloatArray = np.zeros(len(self._names))
 
@@ -120,6 +126,11 @@ class Drivetrain:
             self._laws.initialize(self.group)
         self._ctrl = self.group.simulation.state("ctrl")
         model = Simulation.of(physics).model
+        self._batch_shape = self.group.simulation.batch_shape
+        if self._batch_shape:
+            self._adoption = Adoption(self.group)
+            self.command = self._commander.rest(self._batch_shape)
+            self.last_action = np.zeros((*self._batch_shape, len(self._names)))
         ids = element_ids(model, self.kept, mujoco.mjtObj.mjOBJ_ACTUATOR, self._root)
         self._kept_at = model.actuator_ctrladr[ids].astype(np.intp)
 
@@ -142,12 +153,41 @@ class Drivetrain:
             self._laws.reset()
         self.group.reset(random_state=random_state)
 
+    def adopt(self, row: int, drivetrain: Drivetrain) -> None:
+        """Lets a simulation of the batch begin as one physics that has just been reset.
+
+        Args:
+            row: the simulation, whose state is that of the physics.
+            drivetrain: of the physics, and made as this one was.
+
+        Raises:
+            RuntimeError: this drivetrain drives one physics.
+            ValueError: it has drivetrain laws, which keep a past that nothing carries over.
+        """
+        if self._adoption is None:
+            raise RuntimeError("call initialize(batch) with a batch of simulations, then adopt")
+        if self._laws is not None:
+            raise ValueError(
+                "the walker has drivetrain laws, and those run in one physics at a time: leave "
+                "`laws` out, or take as many environments"
+            )
+        self._adoption.adopt(row, drivetrain.group)
+        targets = {}
+        for name in TARGETS:
+            values, rest = getattr(self.command, name), getattr(drivetrain.command, name)
+            if values is not None:
+                targets[name] = values.copy()
+                targets[name][row] = rest
+        self.command = ActuatorCmd(**targets)
+        self.last_action = self.last_action.copy()
+        self.last_action[row] = 0.0
+
     def act(self, action: ArrayLike) -> None:
         """Sets the command, and the controls that were kept, for the coming physics steps.
 
         Args:
-            action: (n,), in [-1, 1]; what is outside is clipped. Controls of actuators that were
-                kept come last, in their own units.
+            action: (n,), or (n_sims, n), in [-1, 1]; what is outside is clipped. Controls of
+                actuators that were kept come last, in their own units.
 
         Raises:
             RuntimeError: the model has actuators that were kept and is not compiled yet.
@@ -155,12 +195,12 @@ class Drivetrain:
         """
         if len(self._kept_at) != len(self.kept):
             raise RuntimeError("call initialize(physics) after the model was compiled, then act")
-        values = checked_action(action, self._names)
+        values = checked_action(action, self._names, self._batch_shape)
         n = self._commander.size
-        self.command = self._commander.command(values[:n])
+        self.command = self._commander.command(values[..., :n], self._batch_shape)
         if self.kept:
             low, high = self._kept_ranges.T
-            self._ctrl[self._kept_at] = np.clip(values[n:], low, high)
+            self._ctrl[..., self._kept_at] = np.clip(values[..., n:], low, high)
         values.flags.writeable = False
         self.last_action = values
 

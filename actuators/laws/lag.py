@@ -9,13 +9,15 @@ Each simulation has a lag of its own, which is drawn within its bounds at the re
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-Random = np.random.Generator | np.random.RandomState
+_AHEAD = 64  # redraws that each simulation with a source of its own draws at a time
+Random: TypeAlias = "np.random.Generator | np.random.RandomState"  # numpy.random loads late
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,12 +75,21 @@ class DelayLine:
         self._any_fresh = True
         self._head = 0
         self._same: int | None = None
+        self._sources: _Sources | None = None
+        self._last: FloatArray | None = None
+        self._times = 0
+        self._settled: FloatArray = self._ring[0]
         self.reset(None)
 
     @property
     def lag(self) -> IntArray:
         """The present lag [steps], () or (n_sims,), a copy."""
         return self._lag.copy()
+
+    @property
+    def settled(self) -> bool:
+        """Nothing else comes out until something else is pushed, or the line is reset."""
+        return self._last is not None and self._times == self._size and not self._wanders
 
     @property
     def bounds(self) -> tuple[IntArray, IntArray]:
@@ -114,24 +125,54 @@ class DelayLine:
         self._age[at] = 0
         self._fresh[at] = True
         self._any_fresh = True
+        self._last = None
+        self._settle()
+
+    def adopt(self, row: int, line: DelayLine) -> None:
+        """Lets one simulation go on as a line of one physics that has just been reset.
+
+        Args:
+            row: the simulation, which has been reset as well.
+            line: of the same schedule; its source of redraws is this simulation's from now on.
+        """
+        self._lag[row] = line._lag
+        if self._wanders:
+            if self._sources is None:
+                self._sources = _Sources(len(self._lag))
+            self._sources.adopt(row, line._redraws)
         self._settle()
 
     def push(self, target: FloatArray) -> FloatArray:
-        """Takes the present target and gives the delayed one, a view of the line."""
+        """Takes the present target and gives the delayed one, a view of the line.
+
+        The same object comes out as long as a target that nobody can write to has filled the line.
+        """
         if self._wanders:
             self._wander()
+        if target is self._last:
+            if self._times == self._size:
+                return self._settled
+            self._times += 1
+        else:
+            self._last = None if target.flags.writeable else target
+            self._times = 1
         self._head = head = (self._head + 1) % self._size
         self._ring[head] = target
         if self._any_fresh:
             self._ring[:, self._fresh] = target[self._fresh]
             self._fresh[...] = False
             self._any_fresh = False
+        if self._times == self._size:
+            self._settled = self._ring[head]
         if self._same is not None:
             return self._ring[head - self._same]  # type: ignore[no-any-return]
         return self._ring[head - self._lag, np.arange(len(self._lag))]
 
     def _draw(self, random_state: Random) -> IntArray:
-        share = random_state.uniform(size=self._batch_shape)
+        return self._within(random_state.uniform(size=self._batch_shape))
+
+    def _within(self, share: FloatArray | float) -> IntArray:
+        """Lags at these shares of the way from the least to the greatest."""
         drawn = self._low + np.floor(share * (self._high - self._low + 1)).astype(np.intp)
         return np.asarray(np.minimum(drawn, self._high))
 
@@ -141,8 +182,13 @@ class DelayLine:
         self._age += 1
         if not self._batch_shape and not due:
             return
-        drawn = self._draw(self._redraws)
-        keep = self._redraws.uniform(size=self._batch_shape) < self._schedule.hold_prob
+        if self._sources is not None:
+            share, luck = self._sources.draw(due)
+            drawn = self._within(share)
+        else:
+            drawn = self._draw(self._redraws)
+            luck = self._redraws.uniform(size=self._batch_shape)
+        keep = luck < self._schedule.hold_prob
         self._lag[...] = np.where(due & ~keep, drawn, self._lag)
         self._settle()
 
@@ -151,3 +197,26 @@ class DelayLine:
         lags = self._lag.ravel()
         same = bool((lags == lags[0]).all()) if lags.size else True
         self._same = (int(lags[0]) if lags.size else 0) if same else None
+
+
+class _Sources:
+    """A source of redraws for each simulation, which yields what a line of its own would draw."""
+
+    def __init__(self, n_sims: int):
+        self._generators = np.random.default_rng(0).spawn(n_sims)
+        self._drawn: FloatArray = np.zeros((n_sims, _AHEAD, 2))
+        self._next: IntArray = np.full(n_sims, _AHEAD, dtype=np.intp)
+
+    def adopt(self, row: int, generator: np.random.Generator) -> None:
+        """Replaces the source of one simulation."""
+        self._generators[row] = generator
+        self._next[row] = _AHEAD
+
+    def draw(self, due: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+        """Two numbers each, (n_sims,); they are used up where one is due."""
+        for row in np.flatnonzero(due & (self._next == _AHEAD)):
+            self._drawn[row] = self._generators[row].uniform(size=(_AHEAD, 2))
+            self._next[row] = 0
+        pairs = self._drawn[np.arange(len(due)), np.minimum(self._next, _AHEAD - 1)]
+        self._next[due] += 1
+        return pairs[:, 0], pairs[:, 1]

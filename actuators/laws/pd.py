@@ -9,6 +9,7 @@ import abc
 from collections.abc import Mapping
 
 import numpy as np
+from numpy import multiply, subtract  # looked up before every physics step
 from numpy.typing import NDArray
 
 from walkerkit.actuators.laws.law import Law, Target
@@ -41,12 +42,12 @@ def pd_effort(
         against: −kd, where it is at hand.
     """
     if velocity is None:
-        total: FloatArray = np.multiply(-damping if against is None else against, qd)
+        total: FloatArray = multiply(-damping if against is None else against, qd)
     else:
-        total = np.subtract(velocity, qd)
+        total = subtract(velocity, qd)
         total *= damping
     if position is not None:
-        spring = np.subtract(position, q, out=scratch)
+        spring = subtract(position, q, scratch)
         spring *= stiffness
         total += spring
     if effort is not None:

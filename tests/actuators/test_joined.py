@@ -158,25 +158,43 @@ def test_what_is_not_joined():
         assert group._joined == []
 
 
-def test_a_batch_is_not_joined_and_comes_to_the_same():
-    cfgs = ROBOTS["in turns"]
+@pytest.mark.parametrize("name", [name for name in ROBOTS if name != "late"])
+def test_a_batch_is_joined_and_comes_to_the_same(name):
+    cfgs = ROBOTS[name]
     group, physics = started(cfgs)
     batch = Batch(physics.model.ptr, 2, 1)
-    for actuator in group.actuators:
-        assert actuator.simulation.batch_shape == ()
     twin = ActuatorGroup(cfgs)
     twin.edit_mjcf(model())
     twin.initialize(batch)
     twin.reset()
-    assert twin._joined == []
-    cmd = ActuatorCmd(position_target=np.linspace(-1, 1, N))
-    for _ in range(20):
-        group.apply(cmd)
-        twin.apply(ActuatorCmd(position_target=np.tile(cmd.position_target, (2, 1))))
-        physics.step()
-        batch.step()
+    assert len(twin._joined) == len(group._joined)
+    for target in np.linspace(-1, 1, 5):
+        cmd = ActuatorCmd(position_target=np.linspace(-target, target, N))
+        both = ActuatorCmd(position_target=np.tile(cmd.position_target, (2, 1)))
+        for _ in range(6):
+            group.apply(cmd)
+            twin.apply(both)
+            physics.step()
+            batch.step()
+            np.testing.assert_array_equal(twin.applied_effort[1], group.applied_effort)
     np.testing.assert_array_equal(batch.qpos[0], physics.data.qpos)
     np.testing.assert_array_equal(batch.qpos[1], physics.data.qpos)
+
+
+def test_simulations_of_a_batch_differ_where_their_parameters_do():
+    group, physics = started(ROBOTS["in turns"])
+    batch = Batch(physics.model.ptr, 2, 1)
+    group.initialize(batch)
+    group.reset()
+    first = group.actuators[0]
+    first.set("stiffness", 2 * first.nominal("stiffness")[None], env_ids=[1])
+    first.set("strength", 0.5, env_ids=[1])
+    group.apply(ActuatorCmd(position_target=np.full((2, N), 0.01)))
+    ratio = group.computed_effort[1] / group.computed_effort[0]
+    mine = [name in first.joint_names for name in group.joint_names]
+    np.testing.assert_allclose(ratio, np.where(mine, 2.0, 1.0))
+    ratio = group.applied_effort[1] / group.applied_effort[0]
+    np.testing.assert_allclose(ratio, 1.0)
 
 
 def test_commands_are_checked():
