@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ def check_folder(folder: Path) -> None:
 
 
 def save(result: Result, folder: Path) -> Path:
-    """Writes everything into a folder beside the target first, so that no file is ever half there.
+    """Writes everything that a diagnosis leaves.
 
     Args:
         result: what was found.
@@ -59,11 +59,27 @@ def save(result: Result, folder: Path) -> Path:
     Raises:
         InputError: the folder cannot be written.
     """
+    return write_folder(folder, lambda made: _write(result, made))
+
+
+def write_folder(folder: Path, write: Callable[[Path], None]) -> Path:
+    """Has files written into a folder beside the target first, so that none is ever half there.
+
+    Args:
+        folder: made if it is missing; files of the same names are replaced.
+        write: given an empty folder, writes into it.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as name:
             made = Path(name)
-            _write(result, made)
+            write(made)
             for path in sorted(made.rglob("*")):
                 target = folder / path.relative_to(made)
                 if path.is_dir():
