@@ -10,9 +10,9 @@ import io
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
 
 import typer
 
@@ -49,6 +49,9 @@ Window = Annotated[
     typer.Option(help="Seconds between restarts where joints are driven by effort."),
 ]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of the simulation, 0 for all cores.")]
+Effects = Annotated[
+    list[str] | None, typer.Option(help="Consider only this effect. May be repeated.")
+]
 Out = Annotated[Path, typer.Option(help="Folder for the report, the mended model and the JSON.")]
 Json = Annotated[bool, typer.Option("--json", help="Print diagnosis.json instead of tables.")]
 
@@ -103,9 +106,7 @@ def diagnose(
     held_out: HeldOut = None,
     out: Out = Path("walkerkit-diagnosis"),
     window: Window = 0.5,
-    effect: Annotated[
-        list[str] | None, typer.Option(help="Consider only this effect. May be repeated.")
-    ] = None,
+    effect: Effects = None,
     threads: Threads = 0,
     json: Json = False,
 ) -> None:
@@ -128,6 +129,79 @@ def diagnose(
     _print_result(result, as_json=json)
     if not json:
         _console().print(f"Written to {out}", markup=False, soft_wrap=True)
+
+
+@app.command()
+def diagnose_fleet(
+    manifest: Annotated[Path, typer.Argument(help="fleet.toml, which lists the robots.")],
+    out: Annotated[Path, typer.Option(help="Folder for all robots; each gets one in it.")] = Path(
+        "walkerkit-fleet"
+    ),
+    engine: Annotated[
+        str, typer.Option(help="What runs the diagnoses: processes, ray or dask.")
+    ] = "processes",
+    address: Annotated[
+        str | None, typer.Option(help="Of a Ray or Dask cluster; one is started by default.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Robots at a time, by default one for each core.")
+    ] = None,
+    window: Window = 0.5,
+    effect: Effects = None,
+    threads: Annotated[int, typer.Option(min=1, help="Threads of each simulation.")] = 1,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Diagnose again what DIR has of the same input.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print fleet.json instead of tables.")] = (
+        False
+    ),
+) -> None:
+    """Diagnose many robots side by side and compare them."""
+    from walkerkit.gap.fleet import console as words
+    from walkerkit.gap.fleet.fleet import diagnose_fleet as diagnose_all
+
+    console = _console(sys.stdout)
+    # Ray says on standard output what happens to its workers.
+    with redirect_stdout(sys.stderr), _progress() as progress:
+        progress("reading the fleet", 0.0)
+
+        def ended(outcome: Any, number: int, total: int) -> None:
+            progress(f"{number} of {total} robots", number / total)
+            if not json:
+                console.print(words.line(outcome, number, total), soft_wrap=True)
+
+        fleet = diagnose_all(
+            manifest,
+            out,
+            engine=engine,
+            address=address,
+            workers=workers,
+            window=window,
+            effects=effect,
+            n_threads=threads,
+            overwrite=overwrite,
+            ended=ended,
+        )
+    if json:
+        typer.echo(fleet.to_json(), nl=False)
+    else:
+        console.print()
+        console.print(words.render(fleet))
+        console.print(f"Look at {out / 'fleet.html'}", markup=False, soft_wrap=True)
+    if fleet.failed:
+        _end_with_failures(fleet, manifest)
+
+
+def _end_with_failures(fleet: Any, manifest: Path) -> NoReturn:
+    """Says in one line what failed; the status is 2 where all of it is the input's."""
+    first, *others = fleet.failed
+    more = f" (and {len(others)} more, see above)" if others else ""
+    typer.echo(
+        f"walkerkit: {manifest}: robot {first.robot!r} failed: {first.failure.message}{more} "
+        "Mend it and run the same again: the other robots are kept.",
+        err=True,
+    )
+    raise SystemExit(2 if all(one.failure.refused for one in fleet.failed) else 1)
 
 
 @app.command()
@@ -194,10 +268,10 @@ def _refuse(message: str) -> NoReturn:
     raise SystemExit(2) from None
 
 
-def _console() -> Any:
+def _console(file: TextIO | None = None) -> Any:
     from rich.console import Console
 
-    return Console()
+    return Console(file=file)
 
 
 @contextmanager

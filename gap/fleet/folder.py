@@ -78,7 +78,9 @@ def _mark(folder: Path) -> dict[str, Any] | None:
     if not isinstance(names, list) or DIAGNOSIS not in names:
         return None
     inside = folder.resolve()
-    proper = all(isinstance(n, str) and (inside / n).resolve().is_relative_to(inside) for n in names)
+    proper = all(
+        isinstance(n, str) and (inside / n).resolve().is_relative_to(inside) for n in names
+    )
     return mark if proper else None
 
 

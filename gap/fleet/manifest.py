@@ -85,7 +85,9 @@ def _name(label: str, table: Mapping[str, Any]) -> str:
             "Choose a short one without slashes, not beginning with a dot."
         )
     if name in FLEET_FILES:
-        raise refusal(f"{label} has name = {name!r}, which the fleet's own file has. Choose another.")
+        raise refusal(
+            f"{label} has name = {name!r}, which the fleet's own file has. Choose another."
+        )
     return name
 
 

@@ -117,7 +117,7 @@ def listed_files(label: str, table: Mapping[str, Any], key: str) -> list[str]:
     Raises:
         InputError: it is no list of names; begins with the label.
     """
-    files = table.get(key, [])
+    files: list[str] = table.get(key, [])
     proper = isinstance(files, list) and all(isinstance(f, str) and f for f in files)
     if not proper or (key in table and not files):
         raise refusal(
