@@ -8,10 +8,10 @@
     d.model, d.actuators     # the mended model, and what MJCF cannot say
     d.walker()               # both as a composer walker
 
-`gap.diagnose_fleet` does it for many robots and compares them;
-`gap.compare` measures the gap and says where it is; `gap.Recording` is a log;
-`gap.record` runs a simulated robot and returns the log that a real one would leave. The steps one
-by one: `gap.load`, `gap.replay`, `gap.locate`, and `gap.fit` for a structure that is known.
+`gap.diagnose_fleet` does it for many robots and compares them; `gap.compare` measures the gap and
+says where it is; `gap.Recording` is a log; `gap.record` runs a simulated robot and returns the log
+that a real one would leave. The steps one by one: `gap.load`, `gap.replay`, `gap.locate`, and
+`gap.fit` for a structure that is known.
 """
 
 import importlib

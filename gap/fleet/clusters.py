@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 import os
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -111,6 +112,7 @@ def ray(address: str | None, workers: int | None) -> Iterator[Cluster]:
             count = workers or joblib.cpu_count()
             options = {"address": "local", "num_cpus": count, "include_dashboard": False}
         try:
+            _reach(address)
             engine.init(**options, log_to_driver=False, logging_level=logging.ERROR)
         except Exception as error:  # of many kinds: no such host, another version, ...
             raise _silent("Ray", address, error, "ray start --head") from error
@@ -197,6 +199,13 @@ def _of_client(client: Any, address: str | None, workers: int | None) -> Cluster
         return isinstance(error, KilledWorker)
 
     return Cluster(workers or sum(client.nthreads().values()), send, cancel, died)
+
+
+def _reach(address: str | None) -> None:
+    """Raises OSError where nothing listens: Ray itself would try for minutes."""
+    host, _, port = (address or "").removeprefix("ray://").rpartition(":")
+    if host and port.isdigit():
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_ANSWER).close()
 
 
 def _call(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -22,31 +22,40 @@ from walkerkit.gap.report.figures import (
 from walkerkit.gap.report.quantity import scale
 from walkerkit.gap.report.wording import label
 
+_MANY_DECADES = 6
 _LINE = 24  # pixels of a robot
 _HEAD = 64  # pixels between two parameters
 _NORMAL_95 = 1.96
+_SIZES = ("before", "after", "noise_floor")
 
 
 def gaps(fleet: Fleet) -> Specification | None:
     """The gap of each robot before and after, over its noise floor; of one unit, the first's."""
     sizes = {one.robot: one.diagnosis["gap"] for one in fleet.outcomes if one.diagnosis is not None}
-    units = [size["unit"] for size in sizes.values()]
-    shown = {robot: size for robot, size in sizes.items() if size["unit"] == units[0]}
+    first = next(iter(sizes.values()), {"unit": ""})["unit"]
     # The axis is logarithmic, and has no place for nothing.
-    known = [size for size in shown.values() if all(size[key] for key in ("before", "after"))]
-    if len(known) < 2:
+    shown = {
+        robot: size
+        for robot, size in sizes.items()
+        if size["unit"] == first and size["before"] and size["after"]
+    }
+    if len(shown) < 2:
         return None
-    largest = max(size["before"] for size in known)
-    unit = scale(largest, units[0])
-    names = [label(robot) for robot, size in shown.items() if size in known]
+    known = list(shown.values())
+    unit = scale(max(size["before"] for size in known), first)
+    names = [label(robot) for robot in shown]
     rows = list(range(len(names)))
     figure = go.Figure()
     for row, size in zip(rows, known, strict=True):
         ends = [size["before"] * unit.factor, size["after"] * unit.factor]
         figure.add_scatter(
-            x=ends, y=[row, row], mode="lines", line={"color": "#999999", "width": 1},
-            hoverinfo="skip", showlegend=False,
-        )  # fmt: skip
+            x=ends,
+            y=[row, row],
+            mode="lines",
+            line={"color": "#999999", "width": 1},
+            hoverinfo="skip",
+            showlegend=False,
+        )
     marks = (
         ("before", "before", {"color": VERMILLION, "symbol": "x", "size": 9}),
         ("after", "after", {"color": BLUE, "symbol": "circle", "size": 9}),
@@ -62,10 +71,18 @@ def gaps(fleet: Fleet) -> Specification | None:
             x=values, y=rows, mode="markers", name=name, marker=marker, hoverinfo="x"
         )
     _robots(figure, names)
-    figure.update_xaxes(
-        type="log", title=f"position error, rms [{unit.unit}]", fixedrange=True, dtick="D2"
-    )
+    figure.update_xaxes(type="log", title=f"position error, rms [{unit.unit}]", fixedrange=True)
+    shown_values = [v * unit.factor for size in known for v in map(size.get, _SIZES) if v]
+    ticks = _ticks(min(shown_values), max(shown_values))
+    figure.update_xaxes(tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
     return specification(figure, height=140 + _LINE * len(names), above=56)
+
+
+def _ticks(smallest: float, largest: float) -> list[float]:
+    """1, 2, 5, 10, ... over a logarithmic axis; the powers of ten alone where it is long."""
+    powers = range(math.floor(math.log10(smallest)), math.ceil(math.log10(largest)) + 1)
+    steps = (1, 2, 5) if len(powers) < _MANY_DECADES else (1,)
+    return [float(f"{step}e{power}") for power in powers for step in steps]
 
 
 def parameters(rows: Sequence[Row]) -> Specification | None:

@@ -38,6 +38,7 @@ def write_page(fleet: Fleet, path: str | Path, *, title: str) -> None:
         "gaps": figures.gaps(fleet),
         "parameters": figures.parameters(fleet.comparison.rows),
     }
+    rows = [cells for row in fleet.comparison.rows for cells in _parameters(fleet, row)]
     write_html(
         path,
         "fleet.html.j2",
@@ -47,8 +48,8 @@ def write_page(fleet: Fleet, path: str | Path, *, title: str) -> None:
         robots=[_robot(fleet, index) for index in range(len(fleet.outcomes))],
         names=[label(robot) for robot in fleet.comparison.robots],
         groups=_groups(fleet),
-        parameters=[cells for row in fleet.comparison.rows for cells in _parameters(fleet, row)],
-        warnings=list(WARNINGS.values()),
+        parameters=rows,
+        warnings=[meaning for warning, meaning in WARNINGS.items() if warning in _warned(rows)],
         legend=[f"{mark} {says}" for mark, says in _SAYS.items()],
         figures={name: figure for name, figure in drawn.items() if figure is not None},
     )
@@ -121,3 +122,7 @@ def _parameters(fleet: Fleet, row: Row) -> list[dict[str, Any]]:
             }
         )
     return found
+
+
+def _warned(rows: list[dict[str, Any]]) -> set[str]:
+    return {warning for row in rows for _, warning in row["cells"]}
