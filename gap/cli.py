@@ -196,9 +196,11 @@ def _end_with_failures(fleet: Any, manifest: Path) -> NoReturn:
     """Says in one line what failed; the status is 2 where all of it is the input's."""
     first, *others = fleet.failed
     more = f" (and {len(others)} more, see above)" if others else ""
+    remedy = "Mend it and run" if first.failure.refused else "See its failure.txt, or run"
     typer.echo(
-        f"walkerkit: {manifest}: robot {first.robot!r} failed: {first.failure.message}{more} "
-        "Mend it and run the same again: the other robots are kept.",
+        f"walkerkit: {manifest}: robot {first.robot!r} failed: "
+        f"{first.failure.message.rstrip('.')}{more}. "
+        f"{remedy} the same again: the other robots are kept.",
         err=True,
     )
     raise SystemExit(2 if all(one.failure.refused for one in fleet.failed) else 1)

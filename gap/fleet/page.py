@@ -42,6 +42,7 @@ def write_page(fleet: Fleet, path: str | Path, *, title: str) -> None:
     write_html(
         path,
         "fleet.html.j2",
+        package="walkerkit.gap.fleet",
         title=label(title),
         sentence=wording.sentence(fleet),
         headline=_headline(fleet),

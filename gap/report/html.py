@@ -15,15 +15,16 @@ from typing import Any
 import jinja2
 import plotly.offline
 
-_PACKAGES = ("walkerkit.gap.report", "walkerkit.gap.fleet")
+_OURS = "walkerkit.gap.report"
 
 
-def write_html(path: str | Path, template: str, **content: Any) -> None:
+def write_html(path: str | Path, template: str, *, package: str = _OURS, **content: Any) -> None:
     """Fills in a template and writes it; whatever is filled in is escaped.
 
     Args:
         path: the HTML file; an existing one is replaced.
-        template: its name in the assets of the report or the fleet; it extends `page.html.j2`.
+        template: its name in the package's assets; it extends `page.html.j2`, which is here.
+        package: whose assets.
         **content: what the template names; `figures` are plotly's, by the identifiers of their
             places in the page.
 
@@ -33,7 +34,7 @@ def write_html(path: str | Path, template: str, **content: Any) -> None:
     plotly_js = plotly.offline.get_plotlyjs()
     page_js = _asset("report.js")
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_asset),
+        loader=jinja2.ChoiceLoader([_loader(package), _loader(_OURS)]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -49,9 +50,12 @@ def write_html(path: str | Path, template: str, **content: Any) -> None:
     Path(path).write_bytes(page.encode())
 
 
+def _loader(package: str) -> jinja2.BaseLoader:
+    return jinja2.FileSystemLoader(str(files(package) / "assets"))
+
+
 def _asset(name: str) -> str:
-    places = (files(package) / "assets" / name for package in _PACKAGES)
-    return next(place for place in places if place.is_file()).read_text(encoding="utf-8")
+    return (files(_OURS) / "assets" / name).read_text(encoding="utf-8")
 
 
 def _hash(script: str) -> str:

@@ -38,25 +38,27 @@ def kill(mark: Path) -> None:
     os.kill(int(mark.read_text()), signal.SIGKILL)
 
 
+def asked(told: list[str], folder: Path) -> list[tuple[str, int, str]]:
+    """What the jobs are called with."""
+    return [(what, number, str(folder)) for number, what in enumerate(told)]
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_killed_worker_loses_nothing(jobs: ModuleType, tmp_path: Path, engine: str) -> None:
-    told = ["wait once", "go", "die", "raise", "refuse", "go"]
-    asked = [(what, number, str(tmp_path)) for number, what in enumerate(told)]
+    told = ["wait once", "go", "raise", "refuse", "go"]
     found: dict[int, Done[tuple[int, int]]] = {}
-    for done in run(jobs.act, asked, engine=engine, workers=2):
+    for done in run(jobs.act, asked(told, tmp_path), engine=engine, workers=2):
         if not found:  # another job is done, so that there are two workers
             assert done.index != 0
             kill(tmp_path / "begun")
         assert done.index not in found
         found[done.index] = done
-    assert sorted(found) == [0, 1, 2, 3, 4, 5]
+    assert sorted(found) == [0, 1, 2, 3, 4]
     squares = {index: done.value[0] for index, done in found.items() if done.value is not None}
-    assert squares == {0: 0, 1: 1, 5: 25}
+    assert squares == {0: 0, 1: 1, 4: 16}
     processes = {done.value[1] for done in found.values() if done.value is not None}
     assert os.getpid() not in processes
-    killed, raised, refused = (found[index].failure for index in (2, 3, 4))
-    assert killed is not None
-    assert f"its worker died {TRIES} times" in killed.message
+    raised, refused = (found[index].failure for index in (2, 3))
     assert raised is not None
     assert (raised.message, raised.refused) == ("KeyError: 'knee'", False)
     assert "in act" in raised.details
@@ -64,11 +66,18 @@ def test_a_killed_worker_loses_nothing(jobs: ModuleType, tmp_path: Path, engine:
     assert (refused.message, refused.refused) == ("leg.xml: no such file. Check the path.", True)
 
 
+def test_a_job_that_kills_its_workers_ends_alone(jobs: ModuleType, tmp_path: Path) -> None:
+    found = {done.index: done for done in run(jobs.act, asked(["die", "go", "go"], tmp_path))}
+    assert sorted(found) == [0, 1, 2]
+    assert found[0].failure is not None
+    assert f"its worker died {TRIES} times" in found[0].failure.message
+    assert {found[1].failure, found[2].failure} == {None}
+
+
 def test_one_worker_is_another_process_and_runs_one_job_at_a_time(
     jobs: ModuleType, tmp_path: Path
 ) -> None:
-    asked = [("go", number, str(tmp_path)) for number in range(3)]
-    found = list(run(jobs.act, asked, workers=1))
+    found = list(run(jobs.act, asked(["go"] * 3, tmp_path), workers=1))
     assert [done.index for done in found] == [0, 1, 2]
     assert {done.value[1] for done in found if done.value is not None}.isdisjoint({os.getpid()})
 

@@ -117,22 +117,14 @@ def test_what_is_found_and_what_is_written(here: Path) -> None:
     assert "All robots have torque_bias at knee." in (here / "fleet.html").read_text()
 
 
-@pytest.mark.parametrize(
-    ("engine", "cluster"), [("processes", None), ("ray", ray_cluster), ("dask", dask_cluster)]
-)
+@pytest.mark.parametrize(("engine", "cluster"), [("ray", ray_cluster), ("dask", dask_cluster)])
 def test_results_do_not_depend_on_engine_or_workers(
-    robots: Path,
-    here: Path,
-    tmp_path: Path,
-    engine: str,
-    cluster: Callable[[], Any] | None,
+    robots: Path, here: Path, tmp_path: Path, engine: str, cluster: Callable[[], Any]
 ) -> None:
-    options: dict[str, Any] = {"engine": engine, "workers": 2, **FEW}
-    if cluster is None:
-        gap.diagnose_fleet(robots / "fleet.toml", tmp_path, **options)
-    else:
-        with cluster() as address:
-            gap.diagnose_fleet(robots / "fleet.toml", tmp_path, address=address, **options)
+    with cluster() as address:
+        gap.diagnose_fleet(
+            robots / "fleet.toml", tmp_path, engine=engine, address=address, workers=2, **FEW
+        )
     assert contents(tmp_path) == contents(here)
 
 

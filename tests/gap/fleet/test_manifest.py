@@ -55,7 +55,7 @@ def test_files_are_relative_to_the_manifest(folder: Path) -> None:
         (ONE + "log = 1", ("robot 'a'", "unknown key 'log'")),
         (ONE + 'experiments = "experiments.toml"', ("'a' has experiments and model too",)),
         (ONE.replace('model = "leg.xml"\n', ""), ("robot 'a' has no model",)),
-        (ONE.replace('"leg.xml"', '"log.xml"'), ("'a': model:", "log.xml", "mean 'leg.xml'?")),
+        (ONE.replace('"leg.xml"', '"log.xml"'), ("'a': model:", "log.xml", "mean 'leg.xml'")),
         (ONE.replace('"leg.xml"', '"experiments.toml"'), ("'a'", "Write experiments = ")),
         (ONE.replace('recordings = ["x.csv"]', ""), ("'a' has no recordings",)),
         (ONE.replace('["x.csv"]', '"x.csv"'), ("'a' has recordings = 'x.csv'", "Write a list")),
