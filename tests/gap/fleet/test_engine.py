@@ -26,6 +26,7 @@ def jobs(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(folder)
     known = os.environ.get("PYTHONPATH")
     monkeypatch.setenv("PYTHONPATH", f"{folder}:{known}" if known else folder)
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # other tests run beside these
     return importlib.import_module("fleet_jobs")
 
 
