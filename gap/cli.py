@@ -162,13 +162,15 @@ def diagnose_fleet(
 
     console = _console(sys.stdout)
     # Ray says on standard output what happens to its workers.
-    with redirect_stdout(sys.stderr), _progress() as progress:
-        progress("reading the fleet", 0.0)
+    with redirect_stdout(sys.stderr), _bar() as bar:
+        progress = _stages(bar)
+        progress("diagnosing", 0.0)
+        lines = bar.console if bar.console.is_terminal else console  # above the bar
 
         def ended(outcome: Any, number: int, total: int) -> None:
             progress(f"{number} of {total} robots", number / total)
             if not json:
-                console.print(words.line(outcome, number, total), soft_wrap=True)
+                lines.print(words.line(outcome, number, total), soft_wrap=True)
 
         fleet = diagnose_all(
             manifest,
@@ -277,7 +279,7 @@ def _console(file: TextIO | None = None) -> Any:
 
 
 @contextmanager
-def _progress() -> Iterator[Progress]:
+def _bar() -> Iterator[Any]:
     """A progress bar on standard error where that is a terminal, and silence where it is not."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
@@ -286,8 +288,20 @@ def _progress() -> Iterator[Progress]:
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("starting", total=1.0)
-        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+        yield bar
+
+
+def _stages(bar: Any) -> Progress:
+    """Has a bar show what is being done and how far it is."""
+    task = bar.add_task("starting", total=1.0)
+    return lambda stage, done: bar.update(task, description=stage, completed=done)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """The bar for one piece of work."""
+    with _bar() as bar:
+        yield _stages(bar)
 
 
 def _print_result(result: Any, *, as_json: bool) -> None:
