@@ -5,18 +5,14 @@
 
 Tiers, cases and seeds are frozen; see `benchmarks.hidden.cases`. With `--out` each outcome is added
 to a file as it comes, and cases that are in the file already are not run again: a long run can be
-stopped, resumed, and split by tier. Each case runs in a process of its own kind, on one thread.
+stopped, resumed, and split by tier. Cases run on one thread each, in processes of this machine or,
+with `--engine` and `--address`, on a Ray or Dask cluster whose machines have this checkout.
 """
 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
-import os
-import threading
-import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from rich.console import Console
@@ -25,15 +21,14 @@ from rich.table import Table
 from benchmarks import Row
 from benchmarks.hidden.cases import TIERS, Case, cases
 from benchmarks.hidden.outcome import Outcome
-from benchmarks.hidden.running import run_case
+from benchmarks.hidden.running import run_case, without_answer
 from benchmarks.hidden.table import line, rows
+from walkerkit.gap.fleet import engine as engines
 
 __all__ = ["run", "run_case"]
 
 QUICK = {"one_effect": 4, "one_effect_q_qd": 2, "two_effects": 1, "nothing": 3, "outside": 2}
 """Cases of each tier that fit in five minutes on two cores."""
-
-_WATCH = 2.0  # s
 
 
 def run(*, quick: bool) -> list[Row]:
@@ -44,14 +39,21 @@ def run(*, quick: bool) -> list[Row]:
 
 
 def outcomes(
-    chosen: Sequence[Case], *, out: Path | None = None, jobs: int | None = None
+    chosen: Sequence[Case],
+    *,
+    out: Path | None = None,
+    jobs: int | None = None,
+    engine: str = engines.PROCESSES,
+    address: str | None = None,
 ) -> Iterator[Outcome]:
     """Runs cases side by side and prints a line for each.
 
     Args:
         chosen: the cases.
         out: file of JSON lines to add to; what it has already is not run again.
-        jobs: processes, by default as many as there are cores.
+        jobs: cases at a time, by default as many as there are cores.
+        engine: what runs them; see `walkerkit.gap.fleet.engine`.
+        address: of a cluster that runs already.
 
     Yields:
         What is in the file, then the others as they come.
@@ -59,34 +61,20 @@ def outcomes(
     known: dict[str, Outcome] = {}
     if out is not None and out.exists():
         for text in out.read_text().splitlines():
-            done = Outcome.from_json(text)
-            known[done.case] = done
+            outcome = Outcome.from_json(text)
+            known[outcome.case] = outcome
     left = [case for case in chosen if case.name not in known]
     yield from (known[case.name] for case in chosen if case.name in known)
-    # A process that was forked from one with threads may hang.
-    context = multiprocessing.get_context("spawn")
-    jobs = min(jobs or os.cpu_count() or 1, max(len(left), 1))
-    with ProcessPoolExecutor(
-        max_workers=jobs, mp_context=context, initializer=_end_with, initargs=(os.getpid(),)
-    ) as pool:
-        for future in as_completed([pool.submit(run_case, case) for case in left]):
-            outcome = future.result()
-            print(line(outcome), flush=True)
-            if out is not None:
-                with out.open("a") as file:
-                    file.write(outcome.to_json() + "\n")
-            yield outcome
-
-
-def _end_with(parent: int) -> None:
-    """Ends this process when its parent is gone, rather than after all cases that are waiting."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(_WATCH)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    for done in engines.run(run_case, left, engine=engine, address=address, workers=jobs):
+        if done.failure is not None:
+            outcome = without_answer(left[done.index], "failed", done.failure.message)
+        else:
+            outcome = done.value
+        print(line(outcome), flush=True)
+        if out is not None:
+            with out.open("a") as file:
+                file.write(outcome.to_json() + "\n")
+        yield outcome
 
 
 def main() -> None:
@@ -96,13 +84,16 @@ def main() -> None:
     parser.add_argument("--cases", type=int, metavar="N", help="of each tier, spread over all")
     parser.add_argument("--only", metavar="NAME", action="append", help="cases by name")
     parser.add_argument("--out", type=Path, metavar="FILE", help="JSON lines; resumed from")
-    parser.add_argument("--jobs", type=int, metavar="N", help="processes")
+    parser.add_argument("--jobs", type=int, metavar="N", help="cases at a time")
+    parser.add_argument("--engine", choices=engines.ENGINES, default=engines.PROCESSES)
+    parser.add_argument("--address", help="of a Ray or Dask cluster that runs")
     asked = parser.parse_args()
     chosen = [case for tier in asked.tier or TIERS for case in cases(tier, asked.cases)]
     if asked.only:
         chosen = [case for tier in TIERS for case in cases(tier) if case.name in asked.only]
     table = Table("what", "result", "required")
-    for row in rows(list(outcomes(chosen, out=asked.out, jobs=asked.jobs))):
+    options = {"jobs": asked.jobs, "engine": asked.engine, "address": asked.address}
+    for row in rows(list(outcomes(chosen, out=asked.out, **options))):
         table.add_row(row.what, row.result, row.reference)
     Console().print(table)
 

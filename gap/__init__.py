@@ -8,9 +8,10 @@
     d.model, d.actuators     # the mended model, and what MJCF cannot say
     d.walker()               # both as a composer walker
 
-`gap.compare` measures the gap and says where it is; `gap.Recording` is a log;
-`gap.record` runs a simulated robot and returns the log that a real one would leave. The steps one
-by one: `gap.load`, `gap.replay`, `gap.locate`, and `gap.fit` for a structure that is known.
+`gap.diagnose_fleet` does it for many robots and compares them; `gap.compare` measures the gap and
+says where it is; `gap.Recording` is a log; `gap.record` runs a simulated robot and returns the log
+that a real one would leave. The steps one by one: `gap.load`, `gap.replay`, `gap.locate`, and
+`gap.fit` for a structure that is known.
 """
 
 import importlib
@@ -20,6 +21,7 @@ from walkerkit.gap.errors import InputError
 
 if TYPE_CHECKING:
     from walkerkit.gap.fitted import Fitted
+    from walkerkit.gap.fleet.fleet import Fleet, diagnose_fleet
     from walkerkit.gap.recorder import record
     from walkerkit.gap.recordings.recording import Recording
     from walkerkit.gap.report.diagnosis import Diagnosis
@@ -32,10 +34,12 @@ _HOMES = {
     "Comparison": "steps",
     "Diagnosis": "report.diagnosis",
     "Fitted": "fitted",
+    "Fleet": "fleet.fleet",
     "Recording": "recordings.recording",
     "Result": "report.result",
     "compare": "workflow",
     "diagnose": "workflow",
+    "diagnose_fleet": "fleet.fleet",
     "fit": "steps",
     "load": "steps",
     "locate": "steps",
@@ -47,11 +51,13 @@ __all__ = [
     "Comparison",
     "Diagnosis",
     "Fitted",
+    "Fleet",
     "InputError",
     "Recording",
     "Result",
     "compare",
     "diagnose",
+    "diagnose_fleet",
     "fit",
     "load",
     "locate",

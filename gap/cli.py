@@ -10,9 +10,9 @@ import io
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
 
 import typer
 
@@ -50,6 +50,9 @@ Window = Annotated[
     typer.Option(help="Seconds between restarts where joints are driven by effort."),
 ]
 Threads = Annotated[int, typer.Option(min=0, help="Threads of the simulation, 0 for all cores.")]
+Effects = Annotated[
+    list[str] | None, typer.Option(help="Consider only this effect. May be repeated.")
+]
 Out = Annotated[Path, typer.Option(help="Folder for the report, the mended model and the JSON.")]
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace what another run has left in the folder.")
@@ -115,9 +118,7 @@ def diagnose(
     held_out: HeldOut = None,
     out: Out = Path("walkerkit-diagnosis"),
     window: Window = 0.5,
-    effect: Annotated[
-        list[str] | None, typer.Option(help="Consider only this effect. May be repeated.")
-    ] = None,
+    effect: Effects = None,
     threads: Threads = 0,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -145,6 +146,83 @@ def diagnose(
     _print_result(result, as_json=json)
     if not json:
         _console().print(f"Written to {out}", markup=False, soft_wrap=True)
+
+
+@app.command()
+def diagnose_fleet(
+    manifest: Annotated[Path, typer.Argument(help="fleet.toml, which lists the robots.")],
+    out: Annotated[Path, typer.Option(help="Folder for all robots; each gets one in it.")] = Path(
+        "walkerkit-fleet"
+    ),
+    engine: Annotated[
+        str, typer.Option(help="What runs the diagnoses: processes, ray or dask.")
+    ] = "processes",
+    address: Annotated[
+        str | None, typer.Option(help="Of a Ray or Dask cluster; one is started by default.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Robots at a time, by default one for each core.")
+    ] = None,
+    window: Window = 0.5,
+    effect: Effects = None,
+    threads: Annotated[int, typer.Option(min=1, help="Threads of each simulation.")] = 1,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Diagnose again what DIR has of the same input.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print fleet.json instead of tables.")] = (
+        False
+    ),
+) -> None:
+    """Diagnose many robots side by side and compare them."""
+    from walkerkit.gap.fleet import console as words
+    from walkerkit.gap.fleet.fleet import diagnose_fleet as diagnose_all
+
+    console = _console(sys.stdout)
+    # Ray says on standard output what happens to its workers.
+    with redirect_stdout(sys.stderr), _bar() as bar:
+        progress = _stages(bar)
+        progress("diagnosing", 0.0)
+        lines = bar.console if bar.console.is_terminal else console  # above the bar
+
+        def ended(outcome: Any, number: int, total: int) -> None:
+            progress(f"{number} of {total} robots", number / total)
+            if not json:
+                lines.print(words.line(outcome, number, total), soft_wrap=True)
+
+        fleet = diagnose_all(
+            manifest,
+            out,
+            engine=engine,
+            address=address,
+            workers=workers,
+            window=window,
+            effects=effect,
+            n_threads=threads,
+            overwrite=overwrite,
+            ended=ended,
+        )
+    if json:
+        typer.echo(fleet.to_json(), nl=False)
+    else:
+        console.print()
+        console.print(words.render(fleet))
+        console.print(f"Look at {out / 'fleet.html'}", markup=False, soft_wrap=True)
+    if fleet.failed:
+        _end_with_failures(fleet, manifest)
+
+
+def _end_with_failures(fleet: Any, manifest: Path) -> NoReturn:
+    """Says in one line what failed; the status is 2 where all of it is the input's."""
+    first, *others = fleet.failed
+    more = f" (and {len(others)} more, see above)" if others else ""
+    remedy = "Mend it and run" if first.failure.refused else "See its failure.txt, or run"
+    typer.echo(
+        f"walkerkit: {manifest}: robot {first.robot!r} failed: "
+        f"{first.failure.message.rstrip('.')}{more}. "
+        f"{remedy} the same again: the other robots are kept.",
+        err=True,
+    )
+    raise SystemExit(2 if all(one.failure.refused for one in fleet.failed) else 1)
 
 
 @app.command()
@@ -223,14 +301,14 @@ def _refuse(message: str) -> NoReturn:
     raise SystemExit(2) from None
 
 
-def _console() -> Any:
+def _console(file: TextIO | None = None) -> Any:
     from rich.console import Console
 
-    return Console()
+    return Console(file=file)
 
 
 @contextmanager
-def _progress() -> Iterator[Progress]:
+def _bar() -> Iterator[Any]:
     """A progress bar on standard error where that is a terminal, and silence where it is not."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
@@ -239,8 +317,20 @@ def _progress() -> Iterator[Progress]:
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("starting", total=1.0)
-        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+        yield bar
+
+
+def _stages(bar: Any) -> Progress:
+    """Has a bar show what is being done and how far it is."""
+    task = bar.add_task("starting", total=1.0)
+    return lambda stage, done: bar.update(task, description=stage, completed=done)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """The bar for one piece of work."""
+    with _bar() as bar:
+        yield _stages(bar)
 
 
 def _print_result(result: Any, *, as_json: bool) -> None:

@@ -293,10 +293,15 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
     return setup.split_in_time()
 
 
-def _effects(names: Sequence[str] | None) -> list[Effect]:
+def check_effects(names: Sequence[str] | None) -> None:
+    """Raises InputError where one of the names is not in the catalogue."""
     for name in names or ():
         if name not in CATALOGUE:
             raise InputError(f"effect {name!r} is not in the catalogue: {', '.join(CATALOGUE)}.")
+
+
+def _effects(names: Sequence[str] | None) -> list[Effect]:
+    check_effects(names)
     return [effect for name, effect in CATALOGUE.items() if names is None or name in names]
 
 

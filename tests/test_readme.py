@@ -30,7 +30,7 @@ def test_every_block_runs(repository: Path, tmp_path: Path) -> None:
         _run(language, code, tmp_path)
 
 
-@pytest.mark.parametrize("page", ["actuators", "gap", "walkers"])
+@pytest.mark.parametrize("page", ["actuators", "fleet", "gap", "walkers"])
 def test_every_block_of_the_pages_runs(repository: Path, tmp_path: Path, page: str) -> None:
     blocks = [block for block in _blocks(repository / f"docs/{page}.md") if _runnable(*block)]
     assert blocks

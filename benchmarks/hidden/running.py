@@ -57,7 +57,7 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
     try:
         recordings, hidden = _recorded(case, folder, rng, shorter)
     except gap.InputError as error:
-        return _without_answer(case, "impossible", str(error))
+        return without_answer(case, "impossible", str(error))
     seen = [_with(recording, SIGNALS[case.channels]) for recording in recordings]
     robot = load_robot(model)
     truths = tuple(_hidden(one, robot, case) for one in hidden)
@@ -78,7 +78,7 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
         # One failure must not lose the other cases; it counts as a wrong answer.
         seconds = time.perf_counter() - start
         why = f"{type(error).__name__}: {error}"
-        return replace(_without_answer(case, "failed", why), hidden=truths, seconds=seconds)
+        return replace(without_answer(case, "failed", why), hidden=truths, seconds=seconds)
     return Outcome(
         case=case.name,
         tier=case.tier,
@@ -93,7 +93,8 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
     )
 
 
-def _without_answer(case: Case, verdict: str, why: str) -> Outcome:
+def without_answer(case: Case, verdict: str, why: str) -> Outcome:
+    """The outcome of a case that came to nothing, and why."""
     return Outcome(
         case=case.name,
         tier=case.tier,

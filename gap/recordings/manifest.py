@@ -73,22 +73,58 @@ def load_manifest(path: str | Path) -> tuple[Experiment, ...]:
         InputError: the manifest or one of its files cannot be used.
     """
     path = Path(path)
+    tables = read_tables(path, "experiment")
+    return _named(
+        [_experiment(path, number, table) for number, table in enumerate(tables, start=1)], path
+    )
+
+
+def read_tables(path: Path, kind: str) -> list[dict[str, Any]]:
+    """The tables `[[kind]]` of a TOML file that has nothing else.
+
+    Raises:
+        InputError: it is not such a file.
+    """
     check_file(path)
     try:
         with path.open("rb") as file:
             content = tomllib.load(file)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise refusal(f"{path}: not a TOML file: {error}. Mend it there.") from error
-    _check_keys(str(path), content, ("experiment",))
-    tables = content.get("experiment")
+    check_keys(str(path), content, (kind,))
+    tables = content.get(kind)
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
         raise refusal(
-            f"{path}: it has no [[experiment]]. Start each experiment with that line, in two "
-            "pairs of brackets."
+            f"{path}: it has no [[{kind}]]. Start each {kind} with that line, in two pairs of "
+            "brackets."
         )
-    return _named(
-        [_experiment(path, number, table) for number, table in enumerate(tables, start=1)], path
-    )
+    return tables
+
+
+def check_keys(label: str, table: Iterable[str], valid: Sequence[str]) -> None:
+    """Raises InputError, which begins with the label, where a table has another key."""
+    for key in table:
+        if key not in valid:
+            raise refusal(
+                f"{label}: unknown key {key!r}{closest(key, valid)}. "
+                f"The keys are {', '.join(valid)}."
+            )
+
+
+def listed_files(label: str, table: Mapping[str, Any], key: str) -> list[str]:
+    """The names of files under a key that may be missing.
+
+    Raises:
+        InputError: it is no list of names; begins with the label.
+    """
+    files: list[str] = table.get(key, [])
+    proper = isinstance(files, list) and all(isinstance(f, str) and f for f in files)
+    if not proper or (key in table and not files):
+        raise refusal(
+            f"{label} has {key} = {files!r}. Write a list of file names, such as "
+            f'["log.csv"]{", or leave it out" if key == "held_out" else ""}.'
+        )
+    return files
 
 
 def load_experiments(
@@ -147,7 +183,7 @@ class _Draft:
 
 def _experiment(path: Path, number: int, table: Mapping[str, Any]) -> _Draft:
     label = f"{path}: experiment {number}"
-    _check_keys(label, table, _KEYS)
+    check_keys(label, table, _KEYS)
     model = table.get("model")
     if not isinstance(model, str) or not model:
         raise refusal(
@@ -157,16 +193,7 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any]) -> _Draft:
         )
     if not table.keys() & {"recordings", "held_out"}:
         raise refusal(f'{label} has no recordings. Write recordings = ["log.csv"].')
-    files = {}
-    for key in ("recordings", "held_out"):
-        listed = table.get(key, [])
-        proper = isinstance(listed, list) and all(isinstance(f, str) and f for f in listed)
-        if not proper or (key in table and not listed):
-            raise refusal(
-                f"{label} has {key} = {listed!r}. Write a list of file names, such as "
-                f'["log.csv"]{", or leave it out" if key == "held_out" else ""}.'
-            )
-        files[key] = listed
+    files = {key: listed_files(label, table, key) for key in ("recordings", "held_out")}
     if not is_callable(model):
         model = str(path.parent / model)
     _check_model(model)
@@ -256,12 +283,3 @@ def _check_model(model: str) -> None:
     if is_recording(Path(model)):
         raise refusal(f"{model}: this is a recording. Name the model, and the model first.")
     check_file(Path(model))
-
-
-def _check_keys(label: str, table: Iterable[str], valid: Sequence[str]) -> None:
-    for key in table:
-        if key not in valid:
-            raise refusal(
-                f"{label}: unknown key {key!r}{closest(key, valid)}. "
-                f"The keys are {', '.join(valid)}."
-            )

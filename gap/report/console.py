@@ -21,7 +21,7 @@ from walkerkit.gap.report.diagnosis import Diagnosis, Hint, NamedEffect
 from walkerkit.gap.report.quantity import percent, quantity
 
 _TOP = 3  # locations shown
-_VERDICT_STYLES = {
+VERDICT_STYLES = {
     "explained": "bold green",
     "no_gap": "bold green",
     "partly_explained": "bold yellow",
@@ -32,24 +32,24 @@ _VERDICT_STYLES = {
 def render(diagnosis: Diagnosis) -> RenderableType:
     """The diagnosis as something that `rich` prints."""
     verdict = Text.assemble(
-        (f"{wording.title(diagnosis)}. ", _VERDICT_STYLES[diagnosis.verdict]),
+        (f"{wording.title(diagnosis)}. ", VERDICT_STYLES[diagnosis.verdict]),
         wording.verdict_sentence(diagnosis),
     )
     parts: list[RenderableType] = [verdict]
     if diagnosis.locations and diagnosis.verdict != "no_gap":
-        parts += [_heading("Where"), _locations(diagnosis)]
+        parts += [heading("Where"), _locations(diagnosis)]
     if diagnosis.effects:
-        parts += [_heading("Effects, in the order in which they were added"), _effects(diagnosis)]
+        parts += [heading("Effects, in the order in which they were added"), _effects(diagnosis)]
         parts += [Text(warning) for warning in wording.warnings(diagnosis)]
     doubts = [*wording.doubts(diagnosis), wording.advice(diagnosis)]
     if doubts[0]:
-        parts.append(_heading("What cannot be told apart, and what would tell"))
+        parts.append(heading("What cannot be told apart, and what would tell"))
     parts += [Text(doubt) for doubt in doubts if doubt]
-    parts += [_heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis.gap))]
+    parts += [heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis.gap))]
     if diagnosis.hints:
-        parts += [_heading("Stopgaps, which explain nothing"), *map(_hint, diagnosis.hints)]
+        parts += [heading("Stopgaps, which explain nothing"), *map(_hint, diagnosis.hints)]
     if diagnosis.notes:
-        parts += [_heading("Notes"), _notes(diagnosis)]
+        parts += [heading("Notes"), _notes(diagnosis)]
     return Group(*parts)
 
 
@@ -63,6 +63,11 @@ def as_text(diagnosis: Diagnosis, width: int = 100) -> str:
     Returns:
         Lines without trailing spaces, the same in every terminal.
     """
+    return plain(render(diagnosis), width)
+
+
+def plain(rendered: RenderableType, width: int) -> str:
+    """Something that `rich` prints, as lines without trailing spaces."""
     out = io.StringIO()
     Console(
         file=out,
@@ -71,15 +76,17 @@ def as_text(diagnosis: Diagnosis, width: int = 100) -> str:
         force_terminal=False,
         force_jupyter=False,
         legacy_windows=False,
-    ).print(render(diagnosis))
+    ).print(rendered)
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
 
 
-def _heading(text: str) -> Text:
+def heading(text: str) -> Text:
+    """The heading of a part."""
     return Text(f"\n{text}", style="bold")
 
 
-def _table(*columns: str, right: tuple[str, ...] = ()) -> Table:
+def table_of(*columns: str, right: tuple[str, ...] = ()) -> Table:
+    """An empty table; the columns in `right` are numbers."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
     for name in columns:
         justify: Literal["left", "right"] = "right" if name in right else "left"
@@ -87,20 +94,21 @@ def _table(*columns: str, right: tuple[str, ...] = ()) -> Table:
     return table
 
 
-def _add(table: Table, *cells: str) -> None:
-    table.add_row(*(Text(cell) for cell in cells))  # Text: names are not markup
+def add_row(table: Table, *cells: str) -> None:
+    """Adds a row of plain text; names are not markup."""
+    table.add_row(*(Text(cell) for cell in cells))
 
 
 def _locations(diagnosis: Diagnosis) -> Table:
-    table = _table("joint", "regime", "of the gap", "lift", right=("of the gap", "lift"))
+    table = table_of("joint", "regime", "of the gap", "lift", right=("of the gap", "lift"))
     for at in diagnosis.locations[:_TOP]:
         share, lift = percent(at.share), f"{at.lift:.1f}×"
-        _add(table, wording.site(at.joint), wording.words(at.regime), share, lift)
+        add_row(table, wording.site(at.joint), wording.words(at.regime), share, lift)
     return table
 
 
 def _effects(diagnosis: Diagnosis) -> Table:
-    table = _table(
+    table = table_of(
         *("effect", "joint", "parameter", "value", "unit", "sure", "gap after"),
         right=("value", "sure", "gap after"),
     )
@@ -109,7 +117,7 @@ def _effects(diagnosis: Diagnosis) -> Table:
         sure, after = wording.sure(named.confidence), quantity(named.gap_after, unit)
         first = [wording.label(named.effect), sure, after]
         for place, name, value, its_unit in _parameters(named):
-            _add(table, first[0], place, name, value, its_unit, *first[1:])
+            add_row(table, first[0], place, name, value, its_unit, *first[1:])
             first = ["", "", ""]
     return table
 
@@ -133,14 +141,14 @@ def _hint(hint: Hint) -> Text:
 
 def _sizes(diagnosis: Diagnosis) -> Table:
     columns = wording.size_columns(diagnosis)
-    table = _table("signal", *columns, right=columns)
+    table = table_of("signal", *columns, right=columns)
     for name, size in wording.signals(diagnosis.gap).items():
-        _add(table, wording.words(name), *wording.size_cells(diagnosis, size))
+        add_row(table, wording.words(name), *wording.size_cells(diagnosis, size))
     return table
 
 
 def _notes(diagnosis: Diagnosis) -> Table:
     table = Table.grid(padding=(0, 1))
     for index, note in enumerate(diagnosis.notes, start=1):
-        _add(table, f"{index}.", " ".join(wording.label(line) for line in note.split()))
+        add_row(table, f"{index}.", " ".join(wording.label(line) for line in note.split()))
     return table

@@ -97,7 +97,7 @@ def waterfall(diagnosis: Diagnosis) -> Specification:
         shown = [x for x in (before, after) if math.isfinite(x)]
         end = max(shown, default=0.0) * unit.factor
         text = _with_change(after, size.before, size.unit)
-        _label(figure, end, row + 0.05, f" {_literal(text)}", anchor="middle")
+        _label(figure, end, row + 0.05, f" {literal(text)}", anchor="middle")
     title = f"{wording.words(signal)} error, rms [{unit.unit}]"
     figure.update_xaxes(title=title, fixedrange=True)
     figure.update_xaxes(range=[0, 1.8 * largest * unit.factor or 1], zeroline=False)
@@ -105,7 +105,7 @@ def waterfall(diagnosis: Diagnosis) -> Specification:
         range=ends[::-1], fixedrange=True, showgrid=False, zeroline=False, showticklabels=False
     )
     figure.update_layout(barmode="overlay")
-    return _specification(figure, height=120 + 56 * len(steps), above=56)
+    return specification(figure, height=120 + 56 * len(steps), above=56)
 
 
 def _steps(diagnosis: Diagnosis, signal: str) -> list[tuple[str, float, float]]:
@@ -158,7 +158,7 @@ def comparison(mended: bool) -> Specification:
     )
     figure.update_xaxes(title="time [s]", row=2, col=1)
     figure.update_layout(hovermode="x unified", dragmode="zoom")
-    return _specification(figure, height=580, above=84)
+    return specification(figure, height=580, above=84)
 
 
 def _label(figure: go.Figure, x: float, y: float, text: str, *, anchor: str) -> None:
@@ -186,15 +186,16 @@ def _short(name: str) -> str:
     """A name on one line, broken at its underscores; the page has it in full elsewhere."""
     apart = name.replace("_", "_ ")
     (line, *_) = textwrap.wrap(apart, _STEP_WIDTH, max_lines=1, placeholder=" …")
-    return _literal(line.replace("_ ", "_"))
+    return literal(line.replace("_ ", "_"))
 
 
-def _literal(text: str) -> str:
+def literal(text: str) -> str:
     """Text that plotly shows as it is; it would read tags, and mathematics between dollars."""
     return html.escape(text, quote=False).replace("$", "&#36;")
 
 
-def _specification(figure: go.Figure, height: int, above: int, below: int = 48) -> Specification:
+def specification(figure: go.Figure, height: int, above: int, below: int = 48) -> Specification:
+    """A finished figure in the style of the report; height and margins in pixels."""
     figure.update_layout(
         template="none",
         height=height,
@@ -208,5 +209,5 @@ def _specification(figure: go.Figure, height: int, above: int, below: int = 48) 
     axis = {"automargin": True, "gridcolor": "#E4E4E4", "linecolor": "#999999"}
     figure.update_xaxes(**axis, title={"font": _FONT, "standoff": 10})
     figure.update_yaxes(**axis, title={"font": _FONT, "standoff": 10})
-    specification: Specification = json.loads(figure.to_json())
-    return specification
+    made: Specification = json.loads(figure.to_json())
+    return made

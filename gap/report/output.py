@@ -6,7 +6,7 @@ import json
 import os
 import signal
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from errno import EISDIR
@@ -53,12 +53,36 @@ def check_folder(folder: Path) -> None:
 def save(
     result: Result, folder: Path, *, run: Mapping[str, str] | None = None, overwrite: bool = True
 ) -> Path:
-    """Writes everything into a folder beside the target first, so that no file is ever half there.
+    """Writes everything that a diagnosis leaves.
 
     Args:
         result: what was found.
+        folder: as for `write_folder`, as are the next two.
+        run: what the folder's files are of.
+        overwrite: whether files that are there may be replaced.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: the folder cannot be written, or a file is in the way.
+    """
+    return write_folder(folder, lambda made: _write(result, made), run=run, overwrite=overwrite)
+
+
+def write_folder(
+    folder: Path,
+    write: Callable[[Path], None],
+    *,
+    run: Mapping[str, str] | None = None,
+    overwrite: bool = True,
+) -> Path:
+    """Has files written into a folder beside the target first, so that none is ever half there.
+
+    Args:
         folder: made if it is missing.
-        run: whose the files are from then on.
+        write: given an empty folder, writes into it.
+        run: what the folder's files are of, to be kept beside them; None for nothing.
         overwrite: whether files that are there may be replaced.
 
     Returns:
@@ -71,7 +95,7 @@ def save(
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=WRITING) as name:
             made = Path(name)
-            _write(result, made)
+            write(made)
             files = [p.relative_to(made) for p in sorted(made.rglob("*")) if not p.is_dir()]
             for path in files:
                 target = folder / path

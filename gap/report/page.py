@@ -2,24 +2,16 @@
 
     write_report(diagnosis, "out/report.html", title="leg.xml", catalogue=CATALOGUE)
 
-The same diagnosis gives the same bytes, but for its `seconds`. The page carries plotly.js (some
-5 MB) and a content security policy that lets its own scripts run and nothing be fetched, so that
-neither a library nor a name in the user's files can change that.
+The same diagnosis gives the same bytes, but for its `seconds`.
 """
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
-
-import jinja2
-import plotly.offline
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.report import figures, wording
@@ -33,10 +25,10 @@ from walkerkit.gap.report.diagnosis import (
     Trace,
 )
 from walkerkit.gap.report.heat import HeatMap, heat_map
+from walkerkit.gap.report.html import write_html
 from walkerkit.gap.report.quantity import percent, quantity, span
 from walkerkit.gap.report.samples import packed
 
-_ASSETS = files("walkerkit.gap.report") / "assets"
 _SHOWN = 6  # candidates of a round that have a line of their own
 _PLACES = 5  # that stand out
 _VERDICTS = {"named": "named", "indistinguishable": "cannot be told apart", "lost": "lost"}
@@ -62,30 +54,13 @@ def write_report(
     Raises:
         OSError: the file cannot be written.
     """
-    plotly_js = plotly.offline.get_plotlyjs()
-    page_js = _asset("report.js")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    page = environment.from_string(_asset("report.html.j2")).render(
-        _content(diagnosis, catalogue or {}),
+    write_html(
+        path,
+        "report.html.j2",
+        **_content(diagnosis, catalogue or {}),
         title=wording.label(title),
         models=[wording.label(name) for name in models],
-        style=_asset("report.css"),
-        plotly_js=plotly_js,
-        page_js=page_js,
-        script_hashes=[_hash(plotly_js), _hash(page_js)],
     )
-    Path(path).write_bytes(page.encode())
-
-
-def _asset(name: str) -> str:
-    return (_ASSETS / name).read_text(encoding="utf-8")
-
-
-def _hash(script: str) -> str:
-    """The script's name in a content security policy."""
-    return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"
 
 
 def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str, Any]:

@@ -593,7 +593,7 @@ def test_help_lists_every_command(run: Run) -> None:
     for arguments in ([], ["--help"]):
         outcome = run(*arguments)
         assert (outcome.status, outcome.err) == (0, "")
-        for command in ("demo", "compare", "diagnose", "effects", "simulate"):
+        for command in ("demo", "compare", "diagnose", "diagnose-fleet", "effects", "simulate"):
             assert command in outcome.out
             assert run(command, "--help").status == 0
 

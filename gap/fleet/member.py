@@ -1,0 +1,122 @@
+"""One robot of a fleet, diagnosed where a worker is.
+
+A worker reads model and recordings, by the paths that the fleet's file gives; what it finds goes
+back as the content of files, so that one process alone writes them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from walkerkit.gap.fleet.manifest import Member
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What a worker needs to know.
+
+    Attributes:
+        member: the robot.
+        window, effects, n_threads: as for `diagnose`.
+        folder: where modules of callables are looked for, too.
+    """
+
+    member: Member
+    window: float
+    effects: tuple[str, ...] | None
+    n_threads: int
+    folder: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Made:
+    """What a worker brings back.
+
+    Attributes:
+        files: path in the robot's folder to content.
+        key: what `input_key` says of the job.
+    """
+
+    files: Mapping[str, bytes]
+    key: str
+
+
+def diagnose_member(job: Job) -> Made:
+    """Diagnoses one robot.
+
+    Raises:
+        InputError: its model or its recordings cannot be used.
+    """
+    key = input_key(job)
+    from walkerkit.gap import workflow
+
+    member = job.member
+    result = workflow.diagnose(
+        member.model,
+        member.recordings,
+        held_out=member.held_out,
+        window=job.window,
+        effects=job.effects,
+        n_threads=job.n_threads,
+    )
+    with tempfile.TemporaryDirectory() as name:
+        folder = result.save(name)
+        files = {
+            path.relative_to(folder).as_posix(): path.read_bytes()
+            for path in sorted(folder.rglob("*"))
+            if path.is_file()
+        }
+    return Made(files=files, key=key)
+
+
+def input_key(job: Job) -> str:
+    """A hash of everything that a diagnosis depends on: two jobs with one key have one result.
+
+    That is the compiled models and what lies beside them, the recordings as numbers, which are held
+    out, the options and the version; neither paths nor the threads.
+
+    Raises:
+        InputError: the model or the recordings cannot be used.
+    """
+    os.environ.setdefault("MUJOCO_GL", "disable")  # before dm_control looks for a display
+    if job.folder not in sys.path:
+        sys.path.append(job.folder)
+    from importlib.metadata import version
+
+    import mujoco
+
+    from walkerkit.gap.recordings.manifest import load_experiments
+    from walkerkit.gap.workflow import prepare
+
+    member = job.member
+    setup = prepare(
+        load_experiments(member.model, member.recordings, held_out=member.held_out),
+        window=job.window,
+        n_threads=job.n_threads,
+    )
+    found = hashlib.sha256()
+
+    def add(*values: object) -> None:
+        found.update(repr(values).encode() + b"\n")
+
+    add(version("walkerkit"), version("mujoco"), job.window, job.effects)
+    for robot in setup.robots:
+        add(robot.stem, robot.joints, robot.measurement, robot.hold, robot.laws, robot.notes)
+        compiled = np.empty(mujoco.mj_sizeModel(robot.model), np.uint8)
+        mujoco.mj_saveModel(robot.model, None, compiled)
+        found.update(compiled.tobytes())
+    for half in (setup.fitted, setup.held_out):
+        for group in half:
+            add("group", len(group))
+            for recording in group:
+                add(recording.name, list(recording.columns))
+                for values in (recording.time, *recording.columns.values()):
+                    found.update(np.ascontiguousarray(values).tobytes())
+    return found.hexdigest()

@@ -1,0 +1,215 @@
+"""Fleets of tiny robots, diagnosed for real: one result on every engine, and what goes wrong."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from walkerkit import gap
+from walkerkit.gap import cli
+from walkerkit.gap.fleet.fleet import Outcome
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.rehearsal.hardware import run_hardware
+from walkerkit.gap.rehearsal.hidden import HiddenEffect
+
+SERVO = """
+<mujoco model="servo">
+  <compiler angle="radian"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="arm">
+      <joint name="knee" axis="0 1 0" armature="0.005" damping="0.1" range="-2 2" limited="true"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.25" size="0.02" mass="0.6"/>
+    </body>
+  </worldbody>
+  <actuator><position name="knee" joint="knee" kp="30" kv="1" forcerange="-20 20"/></actuator>
+</mujoco>
+"""
+ROBOT = '[[robot]]\nname = "{0}"\nmodel = "servo.xml"\nrecordings = ["{0}/a.csv", "{0}/b.csv"]\n'
+FEW: dict[str, Any] = {"effects": ["torque_bias"]}
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with two robots that have a torque bias each, and their fleet.toml."""
+    folder = tmp_path_factory.mktemp("fleet")
+    (folder / "servo.xml").write_text(SERVO)
+    time = np.arange(0, 1.0, 1 / 250)[:, None]
+    sent = [0.6 * np.sin(4 * time), 0.5 * np.sin(7 * time) + 0.2 * np.sin(3 * time)]
+    for seed, (name, bias) in enumerate({"unit-1": 0.3, "unit 2": 0.5}.items()):
+        hidden = HiddenEffect(effect="torque_bias", joints=("knee",), values={"bias": bias})
+        (folder / name).mkdir()
+        for recording, file in zip(
+            run_hardware(folder / "servo.xml", sent, rate=250.0, hidden=[hidden], seed=seed),
+            ("a", "b"),
+            strict=True,
+        ):
+            kept = {f"knee/{s}" for s in ("position", "position_target")}
+            columns = {c: v for c, v in recording.columns.items() if c in kept}
+            Recording(name=file, time=recording.time, columns=columns).save(
+                folder / name / f"{file}.csv"
+            )
+    (folder / "fleet.toml").write_text("".join(map(ROBOT.format, ("unit-1", "unit 2"))))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def here(robots: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What two processes make of them, side by side."""
+    out = tmp_path_factory.mktemp("here")
+    gap.diagnose_fleet(robots / "fleet.toml", out, workers=2, **FEW)
+    return out
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file, without the seconds."""
+    found = {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+    timed = re.compile(rb'"seconds": [\d.e-]+|Diagnosed in [\d.]+ s')
+    return {name: timed.sub(b"", content) for name, content in found.items()}
+
+
+@contextmanager
+def ray_cluster() -> Iterator[str]:
+    """A Ray cluster that is running already."""
+    from ray.cluster_utils import Cluster
+
+    options = {"num_cpus": 2, "include_dashboard": False}
+    cluster = Cluster(initialize_head=True, head_node_args=options)
+    try:
+        yield cluster.address
+    finally:
+        cluster.shutdown()
+
+
+@contextmanager
+def dask_cluster() -> Iterator[str]:
+    """A Dask cluster that is running already."""
+    from distributed import LocalCluster
+
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with LocalCluster(**options, silence_logs=50) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_what_is_found_and_what_is_written(here: Path) -> None:
+    files = set(contents(here))
+    for name in ("unit-1", "unit 2"):
+        for file in ("diagnosis.json", "report.html", "model.xml", "actuators.json"):
+            assert f"{name}/{file}" in files
+    content = json.loads((here / "fleet.json").read_text())
+    assert [robot["name"] for robot in content["robots"]] == ["unit-1", "unit 2"]
+    (common,) = content["effects"]
+    assert (common["effect"], common["joint"], common["shared"]) == ("torque_bias", "knee", "all")
+    values = {name: one["value"] for name, one in common["parameters"][0]["robots"].items()}
+    assert values == pytest.approx({"unit-1": 0.3, "unit 2": 0.5}, rel=0.1)
+    assert common["parameters"][0]["median"] == pytest.approx(0.4, rel=0.1)
+    assert "All robots have torque_bias at knee." in (here / "fleet.html").read_text()
+
+
+@pytest.mark.parametrize(("engine", "cluster"), [("ray", ray_cluster), ("dask", dask_cluster)])
+def test_results_do_not_depend_on_engine_or_workers(
+    robots: Path,
+    here: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    engine: str,
+    cluster: Callable[[], Any],
+) -> None:
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # other tests run beside this one
+    with cluster() as address:
+        gap.diagnose_fleet(
+            robots / "fleet.toml", tmp_path, engine=engine, address=address, workers=1, **FEW
+        )
+    assert contents(tmp_path) == contents(here)
+
+
+def test_a_robot_that_fails_is_reported_and_the_rest_is_kept(
+    robots: Path, here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    with (robots / "unit-1" / "short.csv").open("w") as file:
+        file.write("time,knee/position,knee/position_target\n0,0,0\n1,0,0\n")
+    bad = ROBOT.format("broken").replace("broken/a", "unit-1/short").replace("broken/b", "unit-1/b")
+    (robots / "more.toml").write_text((robots / "fleet.toml").read_text() + bad)
+    for path in here.rglob("*"):
+        if path.is_file():
+            (tmp_path / path.relative_to(here)).parent.mkdir(exist_ok=True)
+            (tmp_path / path.relative_to(here)).write_bytes(path.read_bytes())
+    arguments = ["diagnose-fleet", robots / "more.toml", "--out", tmp_path]
+    arguments += ["--effect", "torque_bias", "--workers", 1]
+    monkeypatch.setattr(sys, "argv", ["walkerkit", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    printed = capsys.readouterr()
+    assert ended.value.code == 2  # the input's fault, not ours
+    assert len(printed.err.splitlines()) == 1
+    for part in ("more.toml: robot 'broken' failed: ", "short.csv", "the other robots are kept"):
+        assert part in printed.err
+    assert re.search(r"^1/3 unit-1: .*kept from an earlier run", printed.out, re.MULTILINE)
+    assert re.search(r"^3/3 broken: Failed: .*short.csv", printed.out, re.MULTILINE)
+    content = json.loads((tmp_path / "fleet.json").read_text())
+    assert [robot["verdict"] for robot in content["robots"]][2] == "failed"
+    assert "short.csv" in (tmp_path / "broken/failure.txt").read_text()
+    assert (tmp_path / "unit-1/report.html").read_bytes() == (
+        here / "unit-1/report.html"
+    ).read_bytes()
+
+
+def test_only_the_same_input_is_kept(robots: Path, here: Path, tmp_path: Path) -> None:
+    from walkerkit.gap.fleet.engine import Failure
+    from walkerkit.gap.fleet.folder import MARK, kept, write_failure
+    from walkerkit.gap.fleet.manifest import load_fleet
+    from walkerkit.gap.fleet.member import Job
+
+    member = load_fleet(robots / "fleet.toml")[0]
+
+    def job(**changes: Any) -> Job:
+        options = {"member": member, "window": 0.5, "effects": ("torque_bias",), "n_threads": 2}
+        return Job(**{**options, "folder": str(tmp_path), **changes})
+
+    folder = tmp_path / "unit-1"
+    folder.mkdir()
+    for path in (here / "unit-1").iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    assert kept(folder, job()) == json.loads((folder / "diagnosis.json").read_text())
+    assert kept(folder, job(window=0.4)) is None
+    assert kept(folder, job(effects=None)) is None
+    (folder / "notes.txt").write_text("mine")
+    (folder / "model.xml").unlink()
+    assert kept(folder, job()) is None
+    write_failure(folder, Failure(message="it broke", details="Traceback"))
+    assert sorted(path.name for path in folder.iterdir()) == ["failure.txt", "notes.txt"]
+    (folder / MARK).write_text('{"schema": 1, "key": "", "files": ["diagnosis.json", "../x"]}')
+    (tmp_path / "x").write_text("not ours")
+    write_failure(folder, Failure(message="it broke again"))
+    assert (tmp_path / "x").exists()
+
+
+def test_what_is_wrong_before_the_work_stops_it(robots: Path, tmp_path: Path) -> None:
+    ended: list[Outcome] = []
+    for options, says in (
+        ({"effects": ["torque_bia"]}, "torque_bia"),
+        ({"window": 0.0}, "window is 0.0 s"),
+        ({"engine": "spark"}, "'spark'"),
+    ):
+        with pytest.raises(gap.InputError, match=says):
+            gap.diagnose_fleet(
+                robots / "fleet.toml",
+                tmp_path / "out",
+                ended=lambda one, number, total: ended.append(one),
+                **options,  # type: ignore[arg-type]
+            )
+    assert ended == []
+    assert not (tmp_path / "out").exists()
