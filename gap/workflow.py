@@ -34,6 +34,7 @@ from walkerkit.gap.recordings.checks import (
 from walkerkit.gap.recordings.manifest import Experiment, load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.split import Recordings, split, split_in_time
+from walkerkit.gap.recordings.tidy import tidied
 from walkerkit.gap.report.diagnosis import Diagnosis
 from walkerkit.gap.report.result import Result, summarise
 from walkerkit.gap.search.evidence import weigh
@@ -217,7 +218,7 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         for recording in experiment.recordings:
             robot.check_joints(recording.joints, source(recording))
         robots.append(robot)
-        fitting = tuple(suited(robot, recording) for recording in experiment.recordings)
+        fitting = tuple(suited(robot, tidied(recording)) for recording in experiment.recordings)
         suiting.append(replace(experiment, recordings=fitting))
     experiments = without_placeholders(suiting)
     recordings = [r for experiment in experiments for r in experiment.recordings]

@@ -50,6 +50,8 @@ LARGEST_POSITION = 50.0
 LONGEST_STEP = 0.2
 """A median step from here on is taken for milliseconds or less [s]; 1 kHz in milliseconds is 1."""
 
+_RESET, _MOST_RESETS = 10.0, 3  # median steps back, at a few places: no rows out of order
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Recording:
@@ -199,7 +201,7 @@ class Recording:
             _check_header(path, names)
             return ["time", *_used(names)]
 
-        columns = read(path, choose)
+        columns, remarks = read(path, choose)
         recording = cls(
             name=path.stem,
             time=columns.pop("time"),
@@ -207,7 +209,7 @@ class Recording:
             source=path,
             unused=tuple(name for name in names if name != "time" and name not in columns),
         )
-        return replace(recording, notes=tuple(_notes(recording)))
+        return replace(recording, notes=(*remarks, *_notes(recording)))
 
     def save(self, path: str | Path) -> None:
         """Writes the recording so that `load` gives the same numbers.
@@ -290,6 +292,11 @@ class Recording:
         bad = np.flatnonzero(steps <= 0)
         if bad.size:
             before, after = float(time[bad[0]]), float(time[bad[0] + 1])
+            if before - after > _RESET * np.median(np.abs(steps)) and bad.size <= _MOST_RESETS:
+                raise self._error(
+                    f"column 'time' jumps back at {self._row(bad[0] + 1)}: {before!r} s, then "
+                    f"{after!r} s: the clock was reset. Cut the file there into two recordings"
+                )
             raise self._error(
                 f"column 'time' {'repeats' if before == after else 'goes backwards'} at "
                 f"{self._row(bad[0] + 1)}: {before!r} s, then {after!r} s. "

@@ -78,7 +78,7 @@ class TestDamaged:
     def test_one_array(self, path):
         buffer = io.BytesIO()
         np.save(buffer, np.ones(3))
-        assert "one array" in refused(path, buffer.getvalue())
+        assert "one bare array" in refused(path, buffer.getvalue())
 
     def test_zip_of_something_else(self, path):
         with zipfile.ZipFile(path, "w") as archive:

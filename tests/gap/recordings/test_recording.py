@@ -348,7 +348,9 @@ def test_empty_and_broken_files_are_refused(tmp_path: Path, suffix: str) -> None
     path.write_bytes(b"")
     refused_file(path, "the file is empty")
     path.write_bytes(b"\xff\xfe\x00\x01 garbage \x80\n\x00" * 9)
-    refused_file(path, f"cannot be read as {suffix}", "Write the file again")
+    # Two of the bytes say UTF-16, in which it is a header of one name.
+    expected = "no column 'time'" if suffix == ".csv" else f"cannot be read as {suffix}"
+    refused_file(path, expected)
     make().save(path)
     whole = path.read_bytes()
     if suffix != ".csv":
@@ -395,8 +397,8 @@ def test_ragged_rows_are_refused_with_their_line(tmp_path: Path) -> None:
 def test_time_must_be_there(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "log.csv", f"{HEADER}\n{ROWS}".replace("time", "Timestamp"))
     refused_file(path, "no column 'time'", "did you mean 'Timestamp'", "Name the column")
-    write_csv(path, f"{HEADER}\n{ROWS}".replace("time", "x").replace(",", ";"))
-    refused_file(path, "no column 'time'", "there are 'x;knee/position_target;knee/position'")
+    write_csv(path, f"{HEADER}\n{ROWS}".replace("time", "x").replace(",", "/"))
+    refused_file(path, "no column 'time'", "there are 'x/knee/position_target/knee/position'")
 
 
 def test_duplicate_columns_are_refused(tmp_path: Path) -> None:
