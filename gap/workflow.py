@@ -48,6 +48,7 @@ from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.stopgap.hints import with_hints
+from walkerkit.gap.wiring import rewired_experiments
 
 FloatArray = NDArray[np.float64]
 
@@ -230,6 +231,9 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
     )
     if windowed:
         check_window(window, recordings)
+    experiments = rewired_experiments(
+        robots, experiments, window=window if windowed else None, n_threads=n_threads
+    )
     fitted, held_out = split(experiments)
     setup = Setup(
         robots=tuple(robots),

@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from walkerkit.gap.errors import InputError, closest, refusal
 from walkerkit.gap.recordings.files import describe_row, read, write
+from walkerkit.gap.recordings.wiring import WiringError
 
 Array = npt.NDArray[np.float64]
 
@@ -64,6 +65,7 @@ class Recording:
         source: the file that the rows come from.
         unused: the file's columns that nothing uses; they are not kept.
         notes: what a user should know about the data.
+        wiring: errors of wiring that were mended in the columns.
         part_of: the recording that this was cut from; it knows the commands before.
 
     Raises:
@@ -76,6 +78,7 @@ class Recording:
     source: Path | None = None
     unused: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    wiring: tuple[WiringError, ...] = ()
     part_of: Recording | None = None
 
     def __post_init__(self) -> None:
