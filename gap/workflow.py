@@ -120,6 +120,8 @@ def diagnose(
     window: float = WINDOW,
     effects: Sequence[str] | None = None,
     n_threads: int = 0,
+    allow_code: bool = False,
+    allow_outside: bool = False,
     progress: Progress | None = None,
 ) -> Result:
     """Finds where simulation and recordings disagree, names why, and mends the model.
@@ -132,6 +134,8 @@ def diagnose(
             base floats.
         effects: names of the effects to consider; all by default.
         n_threads: threads of the simulation, 0 for all cores. Results do not depend on it.
+        allow_code: a manifest may name `package.module:callable` as a model.
+        allow_outside: a model's meshes and included files may lie outside of its folder.
         progress: called with what is being done and how far it is.
 
     Returns:
@@ -142,7 +146,10 @@ def diagnose(
     """
     start = time.perf_counter()
     setup = prepare(
-        load_experiments(model, recordings, held_out=held_out), window=window, n_threads=n_threads
+        load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
+        window=window,
+        n_threads=n_threads,
+        allow_outside=allow_outside,
     )
     chosen = _effects(effects)
     problem, rounds = _best_hold(setup, chosen, progress)
@@ -171,6 +178,8 @@ def compare(
     held_out: Sequence[str | Path | Recording] = (),
     window: float = WINDOW,
     n_threads: int = 0,
+    allow_code: bool = False,
+    allow_outside: bool = False,
 ) -> Diagnosis:
     """Measures the gap and says where it is, without naming anything.
 
@@ -180,6 +189,8 @@ def compare(
         held_out: as for `diagnose`.
         window: as for `diagnose`.
         n_threads: as for `diagnose`.
+        allow_code: as for `diagnose`.
+        allow_outside: as for `diagnose`.
 
     Returns:
         A diagnosis without effects: its gap is the same before and after.
@@ -189,14 +200,23 @@ def compare(
     """
     start = time.perf_counter()
     setup = prepare(
-        load_experiments(model, recordings, held_out=held_out), window=window, n_threads=n_threads
+        load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
+        window=window,
+        n_threads=n_threads,
+        allow_outside=allow_outside,
     )
     problem = setup.problem(_known_hold(setup.robots) or "zero_order")
     rounds = name_effects(problem, [])
     return summarise(problem, rounds, problem.robots, seconds=time.perf_counter() - start).diagnosis
 
 
-def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int) -> Setup:
+def prepare(
+    experiments: Sequence[Experiment],
+    *,
+    window: float,
+    n_threads: int,
+    allow_outside: bool = False,
+) -> Setup:
     """Loads the robots, splits the recordings and decides how to replay them.
 
     Args:
@@ -204,6 +224,7 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
         n_threads: threads of the simulation, 0 for all cores.
+        allow_outside: a model's meshes and included files may lie outside of its folder.
 
     Raises:
         InputError: a model or recording cannot be used, or they do not fit each other.
@@ -213,7 +234,7 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
     robots, suiting = [], []
     for experiment in experiments:
         floating = any(not base.missing(recording) for recording in experiment.recordings)
-        robot = load_robot(experiment.model, floating=floating)
+        robot = load_robot(experiment.model, floating=floating, allow_outside=allow_outside)
         if robot.path is not None:
             robot = with_sidecar(robot, robot.path)
         for recording in experiment.recordings:

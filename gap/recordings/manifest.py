@@ -4,7 +4,7 @@ experiments = load_manifest("experiments.toml")
 experiments = load_experiments("leg.xml", ["walk.csv", "squat.csv"], held_out=["squat.csv"])
 
     [[experiment]]
-    model = "kp400.xml"                     # or "package.module:callable"
+    model = "kp400.xml"                     # or "package.module:callable", where that is allowed
     recordings = ["sin.csv", "step.csv"]
     held_out = ["chirp.csv"]                # optional, and none of the files above
 
@@ -60,11 +60,12 @@ class Experiment:
             )
 
 
-def load_manifest(path: str | Path) -> tuple[Experiment, ...]:
+def load_manifest(path: str | Path, *, allow_code: bool = False) -> tuple[Experiment, ...]:
     """Loads the experiments that a manifest lists.
 
     Args:
         path: a TOML file, as in this module's docstring.
+        allow_code: a model may be `package.module:callable`, which runs what is there.
 
     Returns:
         The experiments, in the file's order.
@@ -77,7 +78,7 @@ def load_manifest(path: str | Path) -> tuple[Experiment, ...]:
     try:
         with path.open("rb") as file:
             content = tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError, RecursionError) as error:
         raise refusal(f"{path}: not a TOML file: {error}. Mend it there.") from error
     _check_keys(str(path), content, ("experiment",))
     tables = content.get("experiment")
@@ -87,7 +88,11 @@ def load_manifest(path: str | Path) -> tuple[Experiment, ...]:
             "pairs of brackets."
         )
     return _named(
-        [_experiment(path, number, table) for number, table in enumerate(tables, start=1)], path
+        [
+            _experiment(path, number, table, allow_code)
+            for number, table in enumerate(tables, start=1)
+        ],
+        path,
     )
 
 
@@ -95,6 +100,8 @@ def load_experiments(
     model_or_manifest: str | Path,
     recordings: Sequence[str | Path | Recording] = (),
     held_out: Sequence[str | Path | Recording] = (),
+    *,
+    allow_code: bool = False,
 ) -> tuple[Experiment, ...]:
     """Loads what the command line names: a model and its recordings, or a manifest alone.
 
@@ -103,6 +110,7 @@ def load_experiments(
         recordings: files or recordings; none with a manifest.
         held_out: which of them are held out, by name, file or recording; files and recordings that
             are not among `recordings` are added.
+        allow_code: as for `load_manifest`; a callable that is named here itself is always allowed.
 
     Returns:
         The experiments; one where a model is given.
@@ -119,7 +127,7 @@ def load_experiments(
                 f"{path}: a manifest lists its recordings itself, but {_title(extra)} is given "
                 "beside it. Leave one of the two out."
             )
-        return load_manifest(path)
+        return load_manifest(path, allow_code=allow_code)
     _check_model(source)
     if not recordings and not held_out:
         raise refusal(f"{source}: no recording is given. Name at least one after the model.")
@@ -145,7 +153,7 @@ class _Draft:
     held_out: list[Recording]
 
 
-def _experiment(path: Path, number: int, table: Mapping[str, Any]) -> _Draft:
+def _experiment(path: Path, number: int, table: Mapping[str, Any], allow_code: bool) -> _Draft:
     label = f"{path}: experiment {number}"
     _check_keys(label, table, _KEYS)
     model = table.get("model")
@@ -167,6 +175,11 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any]) -> _Draft:
                 f'["log.csv"]{", or leave it out" if key == "held_out" else ""}.'
             )
         files[key] = listed
+    if is_callable(model) and not allow_code:
+        raise refusal(
+            f"{label} has the model {model!r}, which is code to be run. Pass --allow-code "
+            "(allow_code=True) if you trust it, or give an MJCF file."
+        )
     if not is_callable(model):
         model = str(path.parent / model)
     _check_model(model)
