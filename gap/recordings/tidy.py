@@ -57,8 +57,8 @@ def _unwrapped(recording: Recording) -> Recording:
             wraps = np.abs(np.abs(jumps) - _TURN) < _NEAR_A_TURN
             if not wraps.any():
                 continue
-            turns = -np.sign(jumps) * wraps
-            columns[name] = columns[name] + _TURN * np.concatenate([[0.0], np.cumsum(turns)])
+            whole = np.cumsum(-np.sign(jumps) * wraps)
+            columns[name] = columns[name] + _TURN * np.concatenate([[0.0], whole])
             if np.abs(columns[name]).max() > LARGEST_POSITION:
                 raise refusal(
                     f"{recording.source or recording.name}: column {name!r} wraps "
@@ -73,7 +73,7 @@ def _unwrapped(recording: Recording) -> Recording:
         target = columns.get(f"{joint}/position_target")
         if target is not None:
             apart = float(np.median(columns[f"{joint}/position"] - target))
-            turns = round(apart / _TURN)
+            turns = int(np.rint(apart / _TURN))
             if turns and abs(apart - turns * _TURN) < _NEAR_A_TURN:
                 columns[f"{joint}/position"] = columns[f"{joint}/position"] - turns * _TURN
                 notes.append(
