@@ -51,6 +51,7 @@ def outcome(case: Case, folder: Path) -> str | None:
     try:
         with contextlib.chdir(folder), warnings.catch_warnings():
             warnings.simplefilter("error")
+            warnings.simplefilter("ignore", UserWarning)  # MuJoCo's of a model that it doubts
             case.act(folder)
     except case.refusals as error:
         return _fault(str(error), case.place)

@@ -410,6 +410,28 @@ def test_bad_manifests_are_refused(
     refused(run("compare", "experiments.toml"), *parts)
 
 
+def test_a_manifest_runs_code_only_where_that_is_allowed(run: Run, folder: Path) -> None:
+    (folder / "trap.py").write_text(
+        f"from pathlib import Path\nPath('ran').touch()\ndef leg(): return {SERVO!r}\n"
+    )
+    (folder / "experiments.toml").write_text(
+        '[[experiment]]\nmodel = "trap:leg"\nrecordings = ["a.csv"]'
+    )
+    for command in ("compare", "diagnose"):
+        refused(run(command, "experiments.toml"), "experiment 1", "'trap:leg'", "--allow-code")
+    assert not (folder / "ran").exists()
+    assert run("compare", "experiments.toml", "--allow-code").status == 0
+    assert (folder / "ran").exists()
+    sys.modules.pop("trap")
+
+
+def test_a_model_reads_other_folders_only_where_that_is_allowed(run: Run, folder: Path) -> None:
+    (folder / "robot").mkdir()
+    (folder / "robot/servo.xml").write_text('<mujoco><include file="../servo.xml"/></mujoco>')
+    refused(run("compare", "robot/servo.xml", "a.csv"), "../servo.xml", "--allow-outside")
+    assert run("compare", "robot/servo.xml", "a.csv", "--allow-outside").status == 0
+
+
 def test_a_manifest_beside_recordings_is_refused(run: Run, folder: Path) -> None:
     (folder / "e.toml").write_text('[[experiment]]\nmodel = "servo.xml"\nrecordings = ["a.csv"]')
     refused(run("compare", "e.toml", "b.csv"), "e.toml", "b.csv", "Leave one of the two out")
