@@ -134,7 +134,7 @@ class _Check:
 
     def mended(self) -> tuple[Recording, ...]:
         stretches = self._stretches()
-        for _ in range(_MOST_ERRORS):
+        for _ in range(_MOST_ERRORS if stretches else 0):
             replayed = self._replay(stretches)
             error, which = self._worst(stretches, replayed)
             if error is None:

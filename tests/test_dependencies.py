@@ -17,10 +17,10 @@ def needed(name: str, extras: frozenset[str], found: dict[str, str]) -> None:
         if marker and not any(marker.evaluate({"extra": extra}) for extra in (extras or {""})):
             continue
         key = canonicalize_name(requirement.name)
-        if key in found or key == "walkerkit":
+        if key in found or key in ("walkerkit", "setuptools"):  # the latter comes with Python
             continue
         try:
-            found[key] = distribution(key).version
+            found[key] = distribution(key).version.partition("+")[0]  # a build for this machine
         except PackageNotFoundError:
             continue  # an extra of this machine lacks it
         needed(key, frozenset(requirement.extras), found)

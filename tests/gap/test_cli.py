@@ -557,6 +557,11 @@ def test_odd_recordings_work(run: Run, folder: Path, case: str) -> None:
     assert gap["before"] > 0
 
 
+def test_a_log_of_five_samples_a_second_works(run: Run, folder: Path) -> None:
+    log(folder / "slow.csv", samples=20, rate=1 / 0.19)
+    assert run("compare", "servo.xml", "slow.csv").status == 0
+
+
 def test_recordings_of_different_joints_work_together(run: Run, folder: Path) -> None:
     (folder / "leg.xml").write_text(LEG)
     only_knee, both = log(folder / "knee.csv"), log(folder / "both.csv", **ankle())
