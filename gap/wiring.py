@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.recordings.manifest import Experiment
-from walkerkit.gap.recordings.recording import TARGETS, Recording
+from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.smooth import Smoothed
 from walkerkit.gap.recordings.wiring import Kind, WiringError, exchanged, rewired
@@ -31,6 +31,12 @@ from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
 
+_PARTS = {  # what has wires, or lines of code, of its own
+    "P": ("position", "velocity"),
+    "T": ("position_target", "velocity_target"),
+    "F": ("effort_target",),
+    "E": ("effort",),
+}
 _LENGTH = 1.0  # s, of a stretch of a servoed robot
 _BEFORE = 0.3  # s of commands before it, on their way
 _MOST_STRETCHES, _MOST_TRIED_ON = 12, 3  # of a robot; of a candidate
@@ -39,14 +45,14 @@ _MOST_SIMS = 300  # of a round
 _MOST_PAIRS = 15
 _MOST_ERRORS = 6
 _SUSPECT = 0.5  # of the motion, that a gap has to be to be no effect's
-_EXPLAINED = np.array([0.35, 0.5])  # of the motion and of the effort, that may be left
+_EXPLAINED = 0.8  # of the motion, that may be left to effects
 _NO_WORSE = 1.05  # times
 _BETTER = 3.0  # times, that the gap has to become smaller
 _ALIKE = 0.02, 1.2  # relative gaps that cannot be told apart: difference, ratio
 _WORST = 3.0  # of the motion; a simulation that ran away is no worse
 _STILL = 1e-3  # rad or m; a joint that moves less says nothing
 _FOLLOWS = 0.7  # correlation of a joint with the other's simulation
-_OPPOSITE = -0.5  # correlation of a velocity with the slope of the positions
+_OPPOSITE = 0.25  # of its gap to the slope of the positions, that a negated velocity may have
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +94,7 @@ class _Candidate:
     kind: Kind
     joints: tuple[str, ...]
     columns: tuple[str, ...]
-    parts: str  # of "PTE": positions, targets, efforts
+    parts: str  # of _PARTS
 
 
 def rewired_experiments(
@@ -126,7 +132,7 @@ class _Check:
         n_threads: int,
     ):
         self._robot = robot
-        self._recordings = [_with_velocity(recording) for recording in recordings]
+        self._recordings = [_with_velocity(recording, robot) for recording in recordings]
         self._threads = n_threads
         self._windowed = window is not None
         self._length = _LENGTH if window is None else window
@@ -222,19 +228,22 @@ class _Check:
             and np.nanmax(one[1] - _ALIKE[1] * best[1]) <= _ALIKE[0]
         ]
         # Of errors that explain as much, the one with the fewest wires.
-        rivals.sort(key=lambda one: (len(one[2].parts), "PTE".index(one[2].parts[0])))
+        rivals.sort(key=lambda one: (len(one[2].parts), [*_PARTS].index(one[2].parts[0])))
         _, _, named, before, after = rivals[0]
         places = [self._joints.index(joint) for joint in named.joints]
         which = self._affected(suspect[:, places].all(axis=1), alone[:, places], sources)
-        signal = 1 if named.parts == "E" else 0
+        sizes = [[_gap(some, places, signal) for some in (before, after)] for signal in (0, 1)]
+        # Told in position, unless it is the effort that vanishes.
+        signal = 0 if sizes[0][0] > _BETTER * sizes[0][1] or named.parts == "P" else 1
+        signal = signal if np.isfinite(sizes[signal]).all() else 0
         slide = self._robot.joints[named.joints[0]].slide
         channel = Channel(joint=named.joints[0], signal=("position", "effort")[signal])
         error = WiringError(
             kind=named.kind,
             joints=named.joints,
             columns=named.columns,
-            gap_before=_gap(before, places, signal),
-            gap_after=_gap(after, places, signal),
+            gap_before=sizes[signal][0],
+            gap_after=sizes[signal][1],
             unit=channel.unit(slide=slide),
             recordings=tuple(self._recordings[k].name for k in sorted(which)),
             or_else=rivals[1][2].columns if len(rivals) > 1 else (),
@@ -262,9 +271,9 @@ class _Check:
             swapped = _each_other(self._commanded(pair, stretches)) or _each_other(
                 self._efforts(pair, replayed)
             )
-            for parts in ("P", "T", "PE", "E", "PTE"):
+            for parts in ("P", "T", "F", "TF", "PE", "E", "PTFE"):
                 # Exchanged altogether, they follow their own targets.
-                if swapped or (number < _MOST_PAIRS and (parts == "PTE" or self._windowed)):
+                if swapped or (number < _MOST_PAIRS and (parts == "PTFE" or self._windowed)):
                     columns = self._pair(*pair, parts)
                     if columns:
                         yield _Candidate(
@@ -272,14 +281,15 @@ class _Check:
                         )
 
     def _flips(self, joint: str) -> Iterator[_Candidate]:
-        for parts in ("P", "T", "E", "PE", "PT", "TE", "PTE"):
-            columns = [self._columns(joint, part) for part in parts]
-            if all(columns):
+        columns = {part: self._columns(joint, part) for part in _PARTS}
+        there = [part for part in _PARTS if columns[part]]
+        for count in range(1, len(there) + 1):
+            for some in itertools.combinations(there, count):
                 yield _Candidate(
                     kind="sign_flip",
                     joints=(joint,),
-                    columns=tuple(itertools.chain(*columns)),
-                    parts=parts,
+                    columns=tuple(itertools.chain(*(columns[part] for part in some))),
+                    parts="".join(some),
                 )
 
     def _pair(self, first: str, second: str, parts: str) -> tuple[str, ...]:
@@ -287,6 +297,8 @@ class _Check:
         columns: list[str] = []
         for part in parts:
             mine, others = (self._columns(joint, part) for joint in (first, second))
+            if not mine and not others and len(parts) == len(_PARTS):
+                continue
             if not mine or [n.rpartition("/")[2] for n in mine] != [
                 n.rpartition("/")[2] for n in others
             ]:
@@ -295,8 +307,7 @@ class _Check:
         return tuple(columns)
 
     def _columns(self, joint: str, part: str) -> list[str]:
-        signals = {"P": ("position", "velocity"), "T": TARGETS, "E": ("effort",)}[part]
-        names = [f"{joint}/{signal}" for signal in signals]
+        names = [f"{joint}/{signal}" for signal in _PARTS[part]]
         return [n for n in names if any(n in r.columns for r in self._recordings)]
 
     def _commanded(
@@ -417,7 +428,7 @@ def _liveliest(source: int, recording: Recording, length: float, most: int) -> I
         )
 
 
-def _with_velocity(recording: Recording) -> Recording:
+def _with_velocity(recording: Recording, robot: Robot) -> Recording:
     """The recording with flipped signs of velocities mended, which need no simulation to show."""
     for joint in recording.joints:
         velocity = recording.signal(joint, "velocity")
@@ -425,16 +436,18 @@ def _with_velocity(recording: Recording) -> Recording:
             continue
         position = recording.columns[f"{joint}/position"]
         slope = Smoothed(recording.time, position[None]).slope_at(recording.time)[:, 0]
-        scale = float(np.linalg.norm(velocity) * np.linalg.norm(slope))
-        if scale == 0 or velocity @ slope / scale > _OPPOSITE or np.ptp(position) < _STILL:
+        before, after = (
+            float(np.sqrt(np.mean((sign * velocity - slope) ** 2))) for sign in (1, -1)
+        )
+        if after >= _OPPOSITE * before or np.ptp(position) < _STILL:
             continue
         error = WiringError(
             kind="sign_flip",
             joints=(joint,),
             columns=(f"{joint}/velocity",),
-            gap_before=float(np.sqrt(np.mean((velocity - slope) ** 2))),
-            gap_after=float(np.sqrt(np.mean((velocity + slope) ** 2))),
-            unit="rad/s",
+            gap_before=before,
+            gap_after=after,
+            unit=Channel(joint=joint, signal="velocity").unit(slide=robot.joints[joint].slide),
             recordings=(recording.name,),
         )
         recording = rewired(recording, error)

@@ -232,6 +232,30 @@ def test_the_report_and_the_terminal_begin_with_it(
     assert page.index('<p class="wiring"') < page.index('<section class="verdict"')
 
 
+@pytest.mark.parametrize(
+    ("model", "log", "column", "window"),
+    [
+        ("xl330/kp400.xml", "xl330/kp400_sin_sin.csv", "servo/position_target", None),
+        ("emps/emps.xml", "emps/pulses.csv", "carriage/position", 0.5),
+        (
+            "double_pendulum/double_pendulum.xml",
+            "double_pendulum/20230629-143524.csv",
+            "shoulder/effort_target",
+            0.5,
+        ),
+    ],
+)
+def test_logs_of_real_hardware(
+    real_logs: Path, model: str, log: str, column: str, window: float | None
+) -> None:
+    recording = Recording.load(real_logs / log)
+    assert found(real_logs / model, recording, window=window) == []
+    flipped = exchanged(recording, "sign_flip", [column])
+    (error,) = found(real_logs / model, flipped, window=window)
+    assert error.kind == "sign_flip"
+    assert column in (*error.columns, *error.or_else)
+
+
 @pytest.mark.parametrize("kind", ["sign_flip", "joint_swap"])
 def test_an_exchange_twice_is_none(walk: Recording, kind: Kind) -> None:
     columns = ["left_hip/effort", "right_hip/effort"]
