@@ -53,6 +53,16 @@ Threads = Annotated[int, typer.Option(min=0, help="Threads of the simulation, 0 
 Effects = Annotated[
     list[str] | None, typer.Option(help="Consider only this effect. May be repeated.")
 ]
+AllowCode = Annotated[
+    bool,
+    typer.Option("--allow-code", help="Run a package.module:callable that a manifest names."),
+]
+AllowOutside = Annotated[
+    bool,
+    typer.Option(
+        "--allow-outside", help="Let a model read files outside of its folder (meshes, includes)."
+    ),
+]
 Out = Annotated[Path, typer.Option(help="Folder for the report, the mended model and the JSON.")]
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace what another run has left in the folder.")
@@ -98,6 +108,8 @@ def compare(
     held_out: HeldOut = None,
     window: Window = 0.5,
     threads: Threads = 0,
+    allow_code: AllowCode = False,
+    allow_outside: AllowOutside = False,
     json: Json = False,
 ) -> None:
     """Measure the gap between a model and recordings, and say where it is."""
@@ -106,7 +118,13 @@ def compare(
     with _progress() as progress:
         progress("comparing", 0.0)
         diagnosis = workflow.compare(
-            model, recordings or (), held_out=held_out or (), window=window, n_threads=threads
+            model,
+            recordings or (),
+            held_out=held_out or (),
+            window=window,
+            n_threads=threads,
+            allow_code=allow_code,
+            allow_outside=allow_outside,
         )
     _print_diagnosis(diagnosis, as_json=json)
 
@@ -121,6 +139,8 @@ def diagnose(
     effect: Effects = None,
     threads: Threads = 0,
     overwrite: Overwrite = False,
+    allow_code: AllowCode = False,
+    allow_outside: AllowOutside = False,
     json: Json = False,
 ) -> None:
     """Find where simulation and recordings disagree, name why, and mend the model.
@@ -139,6 +159,8 @@ def diagnose(
             window=window,
             effects=effect,
             n_threads=threads,
+            allow_code=allow_code,
+            allow_outside=allow_outside,
             progress=progress,
             out=out,
             overwrite=overwrite,

@@ -54,6 +54,8 @@ def load(
     window: float = WINDOW,
     hold: Hold | None = None,
     n_threads: int = 0,
+    allow_code: bool = False,
+    allow_outside: bool = False,
 ) -> Problem:
     """Loads robots and recordings, checks that they fit each other, and splits the recordings.
 
@@ -65,6 +67,8 @@ def load(
         hold: what the targets are between their samples; by default what the model's
             `actuators.json` says, else they are held (`zero_order`).
         n_threads: threads of the simulation, 0 for all cores. Results do not depend on it.
+        allow_code: a manifest may name `package.module:callable` as a model.
+        allow_outside: a model's meshes and included files may lie outside of its folder.
 
     Returns:
         What the other steps take: its `robots`, `joints`, `noise` (of each of its `channels`), and
@@ -73,8 +77,8 @@ def load(
     Raises:
         InputError: the model or a recording cannot be used.
     """
-    experiments = load_experiments(model, recordings, held_out=held_out)
-    setup = prepare(experiments, window=window, n_threads=n_threads)
+    experiments = load_experiments(model, recordings, held_out=held_out, allow_code=allow_code)
+    setup = prepare(experiments, window=window, n_threads=n_threads, allow_outside=allow_outside)
     known = next((robot.hold for robot in setup.robots if robot.hold is not None), None)
     return setup.problem(hold or known or "zero_order")
 

@@ -34,6 +34,7 @@ from walkerkit.gap.recordings.checks import (
 from walkerkit.gap.recordings.manifest import Experiment, load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.split import Recordings, split, split_in_time
+from walkerkit.gap.recordings.tidy import tidied
 from walkerkit.gap.report.claim import claimed, run_key
 from walkerkit.gap.report.diagnosis import Diagnosis
 from walkerkit.gap.report.notes import warning_notes
@@ -51,6 +52,7 @@ from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.size import check_size
 from walkerkit.gap.stopgap.hints import with_hints
+from walkerkit.gap.wiring import rewired_experiments
 from walkerkit.walkers.batch import counted_warnings, without_warnings
 
 FloatArray = NDArray[np.float64]
@@ -123,6 +125,8 @@ def diagnose(
     window: float = WINDOW,
     effects: Sequence[str] | None = None,
     n_threads: int = 0,
+    allow_code: bool = False,
+    allow_outside: bool = False,
     progress: Progress | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
@@ -138,6 +142,8 @@ def diagnose(
             base floats.
         effects: names of the effects to consider; all by default.
         n_threads: threads of the simulation, 0 for all cores. Results do not depend on it.
+        allow_code: a manifest may name `package.module:callable` as a model.
+        allow_outside: a model's meshes and included files may lie outside of its folder.
         progress: called with what is being done and how far it is.
         out: folder to save the result in, and meanwhile what is finished: the same call after a
             crash goes on from there, to the same result.
@@ -153,9 +159,10 @@ def diagnose(
     start = time.perf_counter()
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
-            load_experiments(model, recordings, held_out=held_out),
+            load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
             window=window,
             n_threads=n_threads,
+            allow_outside=allow_outside,
         )
         chosen = _effects(effects)
 
@@ -206,6 +213,8 @@ def compare(
     held_out: Sequence[str | Path | Recording] = (),
     window: float = WINDOW,
     n_threads: int = 0,
+    allow_code: bool = False,
+    allow_outside: bool = False,
 ) -> Diagnosis:
     """Measures the gap and says where it is, without naming anything.
 
@@ -215,6 +224,8 @@ def compare(
         held_out: as for `diagnose`.
         window: as for `diagnose`.
         n_threads: as for `diagnose`.
+        allow_code: as for `diagnose`.
+        allow_outside: as for `diagnose`.
 
     Returns:
         A diagnosis without effects: its gap is the same before and after.
@@ -225,9 +236,10 @@ def compare(
     start = time.perf_counter()
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
-            load_experiments(model, recordings, held_out=held_out),
+            load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
             window=window,
             n_threads=n_threads,
+            allow_outside=allow_outside,
         )
         problem = setup.problem(_known_hold(setup.robots) or "zero_order")
         rounds = name_effects(problem, [])
@@ -236,7 +248,13 @@ def compare(
     return replace(diagnosis, notes=notes, seconds=time.perf_counter() - start)
 
 
-def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int) -> Setup:
+def prepare(
+    experiments: Sequence[Experiment],
+    *,
+    window: float,
+    n_threads: int,
+    allow_outside: bool = False,
+) -> Setup:
     """Loads the robots, splits the recordings and decides how to replay them.
 
     Args:
@@ -244,6 +262,7 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
         n_threads: threads of the simulation, 0 for all cores.
+        allow_outside: a model's meshes and included files may lie outside of its folder.
 
     Raises:
         InputError: a model or recording cannot be used, or they do not fit each other.
@@ -253,13 +272,13 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
     robots, suiting = [], []
     for experiment in experiments:
         floating = any(not base.missing(recording) for recording in experiment.recordings)
-        robot = load_robot(experiment.model, floating=floating)
+        robot = load_robot(experiment.model, floating=floating, allow_outside=allow_outside)
         if robot.path is not None:
             robot = with_sidecar(robot, robot.path)
         for recording in experiment.recordings:
             robot.check_joints(recording.joints, source(recording))
         robots.append(robot)
-        fitting = tuple(suited(robot, recording) for recording in experiment.recordings)
+        fitting = tuple(suited(robot, tidied(recording)) for recording in experiment.recordings)
         suiting.append(replace(experiment, recordings=fitting))
     experiments = without_placeholders(suiting)
     for robot, experiment in zip(robots, experiments, strict=True):
@@ -273,6 +292,9 @@ def prepare(experiments: Sequence[Experiment], *, window: float, n_threads: int)
     )
     if windowed:
         check_window(window, recordings)
+    experiments = rewired_experiments(
+        robots, experiments, window=window if windowed else None, n_threads=n_threads
+    )
     fitted, held_out = split(experiments)
     setup = Setup(
         robots=tuple(robots),

@@ -81,7 +81,7 @@ def saved_actuators(path: str | Path, *, stopgap: bool = False) -> SavedActuator
             actuators=(*_taken_over(commands), *learned.values()),
             laws=_laws(entry.get("laws", {})),
         )
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError, RecursionError) as error:
         raise ValueError(
             f"{beside}: is none of the gap workflow's ({type(error).__name__}: {error}); write it "
             "with `walkerkit diagnose`, or move it away"
@@ -152,6 +152,8 @@ def _learned(of_joints: Mapping[str, Any], folder: Path) -> dict[str, ActuatorCf
     for joint, fields in of_joints.items():
         own = {name: value for name, value in fields.items() if name != "lag"}
         own["network_file"] = folder / fields["network_file"]
+        if not own["network_file"].resolve().is_relative_to(folder.resolve()):
+            raise TypeError(f"network_file {fields['network_file']!r} lies outside of {folder}")
         drive = LearnedMlpActuatorCfg(joint_names_expr=(_exactly(joint),), **own)
         lag = int(fields["lag"])
         found[joint] = (

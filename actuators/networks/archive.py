@@ -20,9 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.networks.npz import open_npz
+
 FloatArray = NDArray[np.float64]
 
 VERSION = 1
+_MOST_BYTES = 2**30  # of all arrays, unpacked
 _LARGEST_FLOAT = 8  # bytes, what float64 holds without loss
 
 
@@ -171,18 +174,15 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     name = None
     arrays: dict[str, NDArray[Any]] = {}
     try:
-        # Opened here, since np.load leaves a file open that it cannot read.
         with path.open("rb") as stream:
-            file = np.load(stream, allow_pickle=False)
-            if not isinstance(file, np.lib.npyio.NpzFile):
-                raise ValueError("one array, not an archive of several")
-            if any(entry.endswith("data.pkl") for entry in file.files):
+            file = open_npz(stream, most_bytes=_MOST_BYTES)
+            if any(entry.endswith("data.pkl") for entry in file.others):
                 raise ValueError("a PyTorch file, which convert_torch makes into an .npz")
-            for name in file.files:
-                array = file[name]
-                if not isinstance(array, np.ndarray):
-                    raise ValueError("not an array")
-                arrays[name] = array
+            if file.others:
+                name = file.others[0]
+                raise ValueError("not an array")
+            for name in file.names:
+                arrays[name] = file[name]
     except Exception as error:
         where = "it" if name is None else f"array `{name}`"
         raise ValueError(

@@ -1,6 +1,6 @@
 """Reading and writing columns of numbers as CSV, Parquet or NPZ; what they mean is not known here.
 
-columns = read(Path("walk.csv"), lambda names: names)   # name to (T,) array
+columns, notes = read(Path("walk.csv"), lambda names: names)   # name to (T,) array
 write(Path("walk.parquet"), columns)                    # under its name only once complete
 
 Numbers survive each format bit for bit. Whatever makes a file unreadable raises InputError.
@@ -13,9 +13,9 @@ import io
 import itertools
 import re
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -23,16 +23,22 @@ import pyarrow
 import pyarrow.csv
 import pyarrow.parquet
 
+from walkerkit.actuators.networks.npz import open_npz
 from walkerkit.gap.errors import InputError, closest, one_line, refusal
+from walkerkit.gap.recordings.dialect import Dialect, numbered_lines, text_encoding
 
 Values = npt.NDArray[Any]
 Columns = Mapping[str, npt.NDArray[np.float64]]
 Choose = Callable[[list[str]], list[str]]
-Reader = Callable[[Path, Choose], dict[str, Values]]
+Read = tuple[dict[str, Values], tuple[str, ...]]
+Reader = Callable[[Path, Choose], Read]
 Writer = Callable[[BinaryIO, Columns], None]
 
+MOST_VALUES = 2**28
+"""Numbers in the columns of one file that are read: two gigabytes of them."""
 
-def read(path: Path, choose: Choose) -> dict[str, Values]:
+
+def read(path: Path, choose: Choose) -> Read:
     """Reads columns of a file.
 
     Args:
@@ -40,7 +46,7 @@ def read(path: Path, choose: Choose) -> dict[str, Values]:
         choose: given the names of all columns, returns those to read; may raise InputError.
 
     Returns:
-        Name to values, of whatever type the file has.
+        Name to values, of whatever type the file has; and what is out of the ordinary about it.
 
     Raises:
         InputError: the file is missing, empty, of another format or broken.
@@ -106,8 +112,8 @@ def describe_row(source: Path | None, row: int) -> str:
     text = f"row {row + 1}"
     if source is None or source.suffix.lower() != ".csv" or not source.is_file():
         return text
-    with source.open(encoding="utf-8-sig", errors="replace") as file:
-        number, _ = next(itertools.islice(_csv_lines(file), row + 1, None), (None, ""))
+    with source.open(encoding=text_encoding(source)) as file:
+        number, _ = next(itertools.islice(numbered_lines(file), row + 1, None), (None, ""))
     return text if number is None else f"{text} (line {number})"
 
 
@@ -123,60 +129,66 @@ def _files(folder: Path) -> list[str]:
         return []  # only the hint is lost
 
 
-def _csv_lines(file: TextIO) -> Iterator[tuple[int, str]]:
-    """The lines that are not empty, numbered from 1; the first is the header."""
-    return ((number, line) for number, line in enumerate(file, start=1) if line.rstrip("\n"))
-
-
-def _read_csv(path: Path, choose: Choose) -> dict[str, Values]:
-    with path.open(encoding="utf-8-sig") as file:
-        lines = _csv_lines(file)
-        _, header = next(lines, (1, ""))
-        if next(lines, None) is None:
-            raise refusal(
-                f"{path}: it has no rows of data. Check what recorded it, or leave it out."
-            )
-    names = [name.strip() for name in next(csv.reader([header]))]
+def _read_csv(path: Path, choose: Choose) -> Read:
+    dialect = Dialect.of(path)
+    names = list(dialect.header)
     chosen = choose(names)
+    _check_size(path, path.stat().st_size // 2, 1)  # a digit and a comma each, at least
 
     # pyarrow is exact in all versions; pandas deprecates the option that makes it so. Only a single
     # thread numbers the rows in its messages.
-    options = pyarrow.csv.ReadOptions(use_threads=False)
     try:
-        table = pyarrow.csv.read_csv(path, read_options=options)
+        table = pyarrow.csv.read_csv(
+            path,
+            read_options=pyarrow.csv.ReadOptions(
+                use_threads=False, encoding=dialect.encoding.removesuffix("-sig")
+            ),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=dialect.delimiter),
+            convert_options=pyarrow.csv.ConvertOptions(decimal_point=dialect.decimal),
+        )
     except pyarrow.ArrowInvalid as error:
         ragged = re.search(r"Row #(\d+): Expected (\d+) columns, got (\d+)", str(error))
         if ragged is None:
             raise
         number, expected, actual = map(int, ragged.groups())
+        commas = actual > expected and dialect.delimiter == ","
         raise refusal(
             f"{path}: {describe_row(path, number - 2)} has {actual} cells and the header has "
-            f"{expected}. Complete the row or delete it."
+            f"{expected}. Complete the row or delete it"
+            + ("; if its decimals have commas, separate the cells by ';'." if commas else ".")
         ) from error
-    return {name: table.column(names.index(name)).to_numpy() for name in chosen}
+    columns = {name: table.column(names.index(name)).to_numpy() for name in chosen}
+    return columns, dialect.notes
 
 
-def _read_parquet(path: Path, choose: Choose) -> dict[str, Values]:
+def _read_parquet(path: Path, choose: Choose) -> Read:
     with pyarrow.parquet.ParquetFile(path) as file:
         chosen = choose(list(file.schema_arrow.names))
-        table = file.read()
-    return {name: table.column(name).to_numpy() for name in chosen}
+        _check_size(path, file.metadata.num_rows, len(chosen))
+        table = file.read(columns=chosen)
+    return {name: table.column(name).to_numpy() for name in chosen}, ()
 
 
-def _read_npz(path: Path, choose: Choose) -> dict[str, Values]:
-    columns = {}
+def _read_npz(path: Path, choose: Choose) -> Read:
     with path.open("rb") as file:  # np.load leaves a broken file open
-        archive = np.load(file, allow_pickle=False)
-        if isinstance(archive, np.ndarray):
-            raise refusal(f"{path}: it holds one bare array. Write named arrays with numpy.savez.")
-        for name in choose(list(archive.files)):
+        archive = open_npz(file, most_bytes=8 * MOST_VALUES)
+        columns = {}
+        for name in choose(list(archive.names)):
             try:
                 columns[name] = archive[name]
             except ValueError as error:
                 raise refusal(
                     f"{path}: column {name!r}: {one_line(error)}. Save it as an array of float64."
                 ) from error
-    return columns
+    return columns, ()
+
+
+def _check_size(path: Path, rows: int, columns: int) -> None:
+    if rows * columns > MOST_VALUES:
+        raise refusal(
+            f"{path}: {rows} rows of {columns} columns are more than {MOST_VALUES} numbers. Cut it "
+            "into several recordings."
+        )
 
 
 def _write_csv(file: BinaryIO, columns: Columns) -> None:

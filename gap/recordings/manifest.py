@@ -4,7 +4,7 @@ experiments = load_manifest("experiments.toml")
 experiments = load_experiments("leg.xml", ["walk.csv", "squat.csv"], held_out=["squat.csv"])
 
     [[experiment]]
-    model = "kp400.xml"                     # or "package.module:callable"
+    model = "kp400.xml"                     # or "package.module:callable", where that is allowed
     recordings = ["sin.csv", "step.csv"]
     held_out = ["chirp.csv"]                # optional, and none of the files above
 
@@ -60,11 +60,12 @@ class Experiment:
             )
 
 
-def load_manifest(path: str | Path) -> tuple[Experiment, ...]:
+def load_manifest(path: str | Path, *, allow_code: bool = False) -> tuple[Experiment, ...]:
     """Loads the experiments that a manifest lists.
 
     Args:
         path: a TOML file, as in this module's docstring.
+        allow_code: a model may be `package.module:callable`, which runs what is there.
 
     Returns:
         The experiments, in the file's order.
@@ -75,7 +76,8 @@ def load_manifest(path: str | Path) -> tuple[Experiment, ...]:
     path = Path(path)
     tables = read_tables(path, "experiment")
     return _named(
-        [_experiment(path, number, table) for number, table in enumerate(tables, start=1)], path
+        [_experiment(path, number, table, allow_code) for number, table in enumerate(tables, 1)],
+        path,
     )
 
 
@@ -89,7 +91,7 @@ def read_tables(path: Path, kind: str) -> list[dict[str, Any]]:
     try:
         with path.open("rb") as file:
             content = tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError, RecursionError) as error:
         raise refusal(f"{path}: not a TOML file: {error}. Mend it there.") from error
     check_keys(str(path), content, (kind,))
     tables = content.get(kind)
@@ -131,6 +133,8 @@ def load_experiments(
     model_or_manifest: str | Path,
     recordings: Sequence[str | Path | Recording] = (),
     held_out: Sequence[str | Path | Recording] = (),
+    *,
+    allow_code: bool = False,
 ) -> tuple[Experiment, ...]:
     """Loads what the command line names: a model and its recordings, or a manifest alone.
 
@@ -139,6 +143,7 @@ def load_experiments(
         recordings: files or recordings; none with a manifest.
         held_out: which of them are held out, by name, file or recording; files and recordings that
             are not among `recordings` are added.
+        allow_code: as for `load_manifest`; a callable that is named here itself is always allowed.
 
     Returns:
         The experiments; one where a model is given.
@@ -155,7 +160,7 @@ def load_experiments(
                 f"{path}: a manifest lists its recordings itself, but {_title(extra)} is given "
                 "beside it. Leave one of the two out."
             )
-        return load_manifest(path)
+        return load_manifest(path, allow_code=allow_code)
     _check_model(source)
     if not recordings and not held_out:
         raise refusal(f"{source}: no recording is given. Name at least one after the model.")
@@ -181,7 +186,7 @@ class _Draft:
     held_out: list[Recording]
 
 
-def _experiment(path: Path, number: int, table: Mapping[str, Any]) -> _Draft:
+def _experiment(path: Path, number: int, table: Mapping[str, Any], allow_code: bool) -> _Draft:
     label = f"{path}: experiment {number}"
     check_keys(label, table, _KEYS)
     model = table.get("model")
@@ -194,6 +199,11 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any]) -> _Draft:
     if not table.keys() & {"recordings", "held_out"}:
         raise refusal(f'{label} has no recordings. Write recordings = ["log.csv"].')
     files = {key: listed_files(label, table, key) for key in ("recordings", "held_out")}
+    if is_callable(model) and not allow_code:
+        raise refusal(
+            f"{label} has the model {model!r}, which is code to be run. Pass --allow-code "
+            "(allow_code=True) if you trust it, or give an MJCF file."
+        )
     if not is_callable(model):
         model = str(path.parent / model)
     _check_model(model)

@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from walkerkit.gap.errors import InputError, closest, refusal
 from walkerkit.gap.recordings.files import describe_row, read, write
+from walkerkit.gap.recordings.wiring import WiringError
 
 Array = npt.NDArray[np.float64]
 
@@ -50,6 +51,8 @@ LARGEST_POSITION = 50.0
 LONGEST_STEP = 0.2
 """A median step from here on is taken for milliseconds or less [s]; 1 kHz in milliseconds is 1."""
 
+_RESET, _MOST_RESETS = 10.0, 3  # median steps back, at a few places: no rows out of order
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Recording:
@@ -62,6 +65,7 @@ class Recording:
         source: the file that the rows come from.
         unused: the file's columns that nothing uses; they are not kept.
         notes: what a user should know about the data.
+        wiring: errors of wiring that were mended in the columns.
         part_of: the recording that this was cut from; it knows the commands before.
 
     Raises:
@@ -74,6 +78,7 @@ class Recording:
     source: Path | None = None
     unused: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    wiring: tuple[WiringError, ...] = ()
     part_of: Recording | None = None
 
     def __post_init__(self) -> None:
@@ -199,7 +204,7 @@ class Recording:
             _check_header(path, names)
             return ["time", *_used(names)]
 
-        columns = read(path, choose)
+        columns, remarks = read(path, choose)
         recording = cls(
             name=path.stem,
             time=columns.pop("time"),
@@ -207,7 +212,7 @@ class Recording:
             source=path,
             unused=tuple(name for name in names if name != "time" and name not in columns),
         )
-        return replace(recording, notes=tuple(_notes(recording)))
+        return replace(recording, notes=(*remarks, *_notes(recording)))
 
     def save(self, path: str | Path) -> None:
         """Writes the recording so that `load` gives the same numbers.
@@ -290,6 +295,11 @@ class Recording:
         bad = np.flatnonzero(steps <= 0)
         if bad.size:
             before, after = float(time[bad[0]]), float(time[bad[0] + 1])
+            if before - after > _RESET * np.median(np.abs(steps)) and bad.size <= _MOST_RESETS:
+                raise self._error(
+                    f"column 'time' jumps back at {self._row(bad[0] + 1)}: {before!r} s, then "
+                    f"{after!r} s: the clock was reset. Cut the file there into two recordings"
+                )
             raise self._error(
                 f"column 'time' {'repeats' if before == after else 'goes backwards'} at "
                 f"{self._row(bad[0] + 1)}: {before!r} s, then {after!r} s. "

@@ -45,18 +45,19 @@ def whole(recording: Recording) -> tuple[Segment, ...]:
 def windows(recording: Recording, length: float) -> tuple[Segment, ...]:
     """Adjoining segments of `length` seconds; what is left at the end is dropped.
 
-    A recording shorter than `length` is one segment.
+    A recording shorter than `length`, or of too few samples a segment, is one segment.
     """
     time = recording.time
     count = int((time[-1] - time[0]) / length)
     if count == 0:
         return whole(recording)
     edges = np.searchsorted(time, time[0] + length * np.arange(count + 1))
-    return tuple(
+    found = tuple(
         Segment(recording=recording, first=int(first), last=int(last))
         for first, last in itertools.pairwise(edges)
         if last - first >= _FEWEST_ROWS
     )
+    return found or whole(recording)
 
 
 def stretches(recording: Recording, longest: float) -> tuple[Segment, ...]:

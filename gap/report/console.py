@@ -1,4 +1,4 @@
-"""A diagnosis in a terminal: a verdict, tables, numbered notes.
+"""A diagnosis in a terminal: errors of wiring if any, a verdict, tables, numbered notes.
 
     rich.print(render(diagnosis))
     text = as_text(diagnosis, width=80)
@@ -35,7 +35,10 @@ def render(diagnosis: Diagnosis) -> RenderableType:
         (f"{wording.title(diagnosis)}. ", VERDICT_STYLES[diagnosis.verdict]),
         wording.verdict_sentence(diagnosis),
     )
-    parts: list[RenderableType] = [verdict]
+    parts: list[RenderableType] = [
+        Text(f"Wiring: {sentence}\n", style="bold") for sentence in wording.wiring(diagnosis)
+    ]
+    parts.append(verdict)
     if diagnosis.locations and diagnosis.verdict != "no_gap":
         parts += [heading("Where"), _locations(diagnosis)]
     if diagnosis.effects:

@@ -16,6 +16,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.recordings.wiring import WiringError
+
 FloatArray = NDArray[np.float64]
 Verdict = Literal["explained", "partly_explained", "no_gap", "unexplained"]
 SCHEMA = 1
@@ -258,6 +260,7 @@ class Diagnosis:
         searched: whether effects were looked for, or the gap was only measured.
         maps: where the gap of each signal lives, before and after; not in the JSON.
         hints: stopgaps for what remains.
+        wiring: errors of wiring that were mended in the recordings before all else.
     """
 
     verdict: Verdict
@@ -274,6 +277,7 @@ class Diagnosis:
     searched: bool = True
     maps: tuple[GapMap, ...] = field(default=(), repr=False)
     hints: tuple[Hint, ...] = ()
+    wiring: tuple[WiringError, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json, schema 1."""
@@ -281,6 +285,7 @@ class Diagnosis:
         return {
             "schema": SCHEMA,
             "verdict": self.verdict,
+            **({"wiring": [_wiring(error) for error in self.wiring]} if self.wiring else {}),
             "gap": {
                 "unit": gap.position.unit,
                 "horizon": gap.horizon,
@@ -338,6 +343,19 @@ def _next_experiment(wanted: NextExperiment | None) -> dict[str, Any] | None:
         "separation": wanted.separation,
         "file": wanted.file,
         **(changed if wanted.instruction else {}),
+    }
+
+
+def _wiring(error: WiringError) -> dict[str, Any]:
+    return {
+        "kind": error.kind,
+        "joints": list(error.joints),
+        "columns": list(error.columns),
+        "gap_before": error.gap_before,
+        "gap_after": error.gap_after,
+        "unit": error.unit,
+        "recordings": list(error.recordings),
+        **({"or_else": list(error.or_else)} if error.or_else else {}),
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
 from walkerkit.gap.search.problem import Problem
 
@@ -36,6 +37,10 @@ def _notes(
     verdict: Verdict,
     searched: bool,
 ) -> Iterator[str]:
+    seen = {r.name: r for half in (problem.fit, problem.held) for g in half.recordings for r in g}
+    wholes = {recording.whole.name for recording in seen.values()}
+    for error in named_errors([*seen.values()]):
+        yield error.sentence(wholes <= {*error.recordings})
     for named in effects:
         yield from _of_effect(named)
     if verdict == "unexplained":
@@ -71,7 +76,6 @@ def _notes(
             "floor leaves out what the restart's own error adds."
         )
     yield from dict.fromkeys(note for robot in problem.robots for note in robot.notes)
-    seen = {r.name: r for half in (problem.fit, problem.held) for g in half.recordings for r in g}
     for recording in seen.values():
         yield from (f"{recording.name}: {note}" for note in recording.notes)
     unused = sorted({column for recording in seen.values() for column in recording.unused})

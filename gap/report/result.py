@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import (
     Considered,
     Diagnosis,
@@ -199,6 +200,7 @@ def summarise(
         next_experiment=following.experiment if following else None,
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
         notes=notes(problem, gap, effects, verdict, searched=searched),
+        wiring=named_errors(everything),
         traces=traces(problem, before, after),
         seconds=seconds,
         searched=searched,

@@ -126,6 +126,14 @@ def title(diagnosis: Diagnosis) -> str:
     return TITLES[diagnosis.verdict]
 
 
+def wiring(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What is wrong with the wiring, a paragraph each, to be read before all else."""
+    everything = set(diagnosis.recordings)
+    return tuple(
+        label(error.sentence(everything <= {*error.recordings})) for error in diagnosis.wiring
+    )
+
+
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """What was found, where, how sure, and how much the gap shrank."""
     signal, size = telling(diagnosis.gap)

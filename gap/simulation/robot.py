@@ -23,6 +23,7 @@ from walkerkit.gap.recordings.manifest import is_callable
 from walkerkit.gap.simulation.base import Base, find_base
 from walkerkit.gap.simulation.ground import Ground, add_floor
 from walkerkit.gap.simulation.made import spec_of
+from walkerkit.gap.simulation.model_files import check_model_files
 from walkerkit.gap.simulation.wave import Wave, WaveForm
 
 _MEND = "Mend the MJCF until MuJoCo loads it."
@@ -221,7 +222,7 @@ class Robot:
                 )
 
 
-def load_robot(source: str | Path, *, floating: bool = False) -> Robot:
+def load_robot(source: str | Path, *, floating: bool = False, allow_outside: bool = False) -> Robot:
     """Loads and compiles a model.
 
     Args:
@@ -229,17 +230,19 @@ def load_robot(source: str | Path, *, floating: bool = False) -> Robot:
             arguments that returns a walker, a PyMJCF element, an MjSpec or MJCF text.
         floating: a walker that has a free joint in an arena has it here too; what is no walker
             floats or does not as its model says.
+        allow_outside: a file's meshes, textures and included files may lie outside of its folder.
 
     Returns:
         The robot, on a level floor where it floats and its model has nothing to stand on.
 
     Raises:
-        InputError: the file is missing or does not compile, or the robot has no joint to compare.
+        InputError: the file is missing, reaches out of its folder or does not compile, or the robot
+            has no joint to compare.
     """
     name = str(source)
     if is_callable(name):
         return robot_from_spec(_spec_from_callable(name, floating), name)
-    return robot_from_spec(_spec_from_file(Path(source)), name)
+    return robot_from_spec(_spec_from_file(Path(source), allow_outside), name)
 
 
 def robot_from_spec(spec: mujoco.MjSpec, source: str) -> Robot:
@@ -267,11 +270,12 @@ def robot_from_spec(spec: mujoco.MjSpec, source: str) -> Robot:
     return Robot(source=source, spec=spec, model=model, joints=joints, base=base, notes=notes)
 
 
-def _spec_from_file(path: Path) -> mujoco.MjSpec:
+def _spec_from_file(path: Path, allow_outside: bool) -> mujoco.MjSpec:
     if not path.is_file():
         raise InputError(
             f"{path}: no such model file. Give an MJCF file or `package.module:callable`."
         )
+    check_model_files(path, allow_outside=allow_outside)
     try:
         return mujoco.MjSpec.from_file(str(path))
     except (ValueError, RuntimeError) as error:

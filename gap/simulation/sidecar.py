@@ -67,7 +67,7 @@ def with_sidecar(robot: Robot, model_path: Path) -> Robot:
         )
     except InputError:
         raise
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OSError, RecursionError) as error:
         raise InputError(
             f"{path}: is no actuators.json of schema {SCHEMA} ({type(error).__name__}: {error}). "
             "Write it with `walkerkit diagnose`, or move it away."

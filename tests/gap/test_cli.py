@@ -410,6 +410,28 @@ def test_bad_manifests_are_refused(
     refused(run("compare", "experiments.toml"), *parts)
 
 
+def test_a_manifest_runs_code_only_where_that_is_allowed(run: Run, folder: Path) -> None:
+    (folder / "trap.py").write_text(
+        f"from pathlib import Path\nPath('ran').touch()\ndef leg(): return {SERVO!r}\n"
+    )
+    (folder / "experiments.toml").write_text(
+        '[[experiment]]\nmodel = "trap:leg"\nrecordings = ["a.csv"]'
+    )
+    for command in ("compare", "diagnose"):
+        refused(run(command, "experiments.toml"), "experiment 1", "'trap:leg'", "--allow-code")
+    assert not (folder / "ran").exists()
+    assert run("compare", "experiments.toml", "--allow-code").status == 0
+    assert (folder / "ran").exists()
+    sys.modules.pop("trap")
+
+
+def test_a_model_reads_other_folders_only_where_that_is_allowed(run: Run, folder: Path) -> None:
+    (folder / "robot").mkdir()
+    (folder / "robot/servo.xml").write_text('<mujoco><include file="../servo.xml"/></mujoco>')
+    refused(run("compare", "robot/servo.xml", "a.csv"), "../servo.xml", "--allow-outside")
+    assert run("compare", "robot/servo.xml", "a.csv", "--allow-outside").status == 0
+
+
 def test_a_manifest_beside_recordings_is_refused(run: Run, folder: Path) -> None:
     (folder / "e.toml").write_text('[[experiment]]\nmodel = "servo.xml"\nrecordings = ["a.csv"]')
     refused(run("compare", "e.toml", "b.csv"), "e.toml", "b.csv", "Leave one of the two out")
@@ -533,6 +555,11 @@ def test_odd_recordings_work(run: Run, folder: Path, case: str) -> None:
     for size in (gap, *gap["joints"].values(), *gap["signals"].values()):
         assert all(isinstance(size[key], float) for key in ("before", "after", "noise_floor"))
     assert gap["before"] > 0
+
+
+def test_a_log_of_five_samples_a_second_works(run: Run, folder: Path) -> None:
+    log(folder / "slow.csv", samples=20, rate=1 / 0.19)
+    assert run("compare", "servo.xml", "slow.csv").status == 0
 
 
 def test_recordings_of_different_joints_work_together(run: Run, folder: Path) -> None:

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from walkerkit.actuators.networks import Lstm, Mlp
+from benchmarks.fuzzing.files import bomb
+from walkerkit.actuators.networks import Lstm, Mlp, archive
 
 GOOD = {
     "format": np.array("walkerkit.mlp"),
@@ -78,7 +79,7 @@ class TestDamaged:
     def test_one_array(self, path):
         buffer = io.BytesIO()
         np.save(buffer, np.ones(3))
-        assert "one array" in refused(path, buffer.getvalue())
+        assert "one bare array" in refused(path, buffer.getvalue())
 
     def test_zip_of_something_else(self, path):
         with zipfile.ZipFile(path, "w") as archive:
@@ -114,6 +115,16 @@ class TestPickled:
         trace = tmp_path / "trace"
         assert "nothing pickled" in refused(path, pickle.dumps(Bomb(trace)))
         assert not trace.exists()
+
+
+class TestBomb:
+    @pytest.mark.parametrize("size", [2**29, 2**40, 2**62])
+    def test_is_refused_before_it_is_unpacked(self, path, size):
+        assert f"asks for {size} bytes" in refused(path, bomb(size))
+
+    def test_an_archive_that_unpacks_to_too_much(self, path, monkeypatch):
+        monkeypatch.setattr(archive, "_MOST_BYTES", 100)
+        assert "more than the 100 that are read" in refused(path, npz(GOOD))
 
 
 class TestMissing:

@@ -75,7 +75,7 @@ def test_manifest_loads_in_order_with_paths_of_its_own_folder(
         + experiment(model='"my.robots:leg"', recordings=f'["{folder}/logs/monday/a.csv"]'),
     )
     monkeypatch.chdir("/")
-    first, second = load_manifest(path)
+    first, second = load_manifest(path, allow_code=True)
     assert Path(first.model) == folder / "kp1.xml"
     assert names(first) == ["b", "logs/a", "c"]
     assert first.held_out == {"c"}
@@ -83,7 +83,7 @@ def test_manifest_loads_in_order_with_paths_of_its_own_folder(
     assert names(second) == ["monday/a"]
     assert second.held_out == frozenset()
     assert second.recordings[0].source == folder / "logs/monday/a.csv"
-    assert load_experiments(path)[1].model == second.model
+    assert load_experiments(path, allow_code=True)[1].model == second.model
 
 
 def test_a_whole_experiment_may_be_held_out(folder: Path) -> None:
@@ -110,6 +110,7 @@ def test_a_whole_experiment_may_be_held_out(folder: Path) -> None:
         ),
         (experiment(model=None), ("experiment 1 has no model", 'model = "robot.xml"')),
         (experiment(model="3"), ("experiment 1 has the model 3", "package.module:callable")),
+        (experiment(model='"os:abort"'), ("'os:abort'", "code to be run", "--allow-code")),
         (experiment(model='""'), ("experiment 1 has the model ''",)),
         (experiment(recordings=None), ("experiment 1 has no recordings", 'recordings = ["log')),
         (experiment(recordings='"a.csv"'), ("recordings = 'a.csv'", "list of file names")),

@@ -18,7 +18,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.fuzzing.files import bomb
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings import files
 from walkerkit.gap.recordings.recording import BASE, SIGNALS, TARGETS, Recording
 
 FORMATS = (".csv", ".parquet", ".npz")
@@ -261,6 +263,69 @@ def test_windows_line_ends_and_capital_suffix_load(tmp_path: Path) -> None:
     assert Recording.load(path).time.tolist() == [0.0, 0.01, 0.02]
 
 
+@pytest.mark.parametrize(
+    ("content", "note"),
+    [
+        (f"{HEADER}\n{ROWS}".replace(",", ";"), "separated by semicolons"),
+        (f"{HEADER}\n{ROWS}".replace(",", "\t"), "separated by tabs"),
+        (
+            f"{HEADER}\n{ROWS}".replace(",", ";").replace(".", ","),
+            "separated by semicolons and decimal commas",
+        ),
+        (
+            f"{HEADER}\n" + re.sub(r"(\d)\.(\d+)", r'"\1,\2"', ROWS),
+            "separated by commas and decimal commas",
+        ),
+        (f"{HEADER}\n{ROWS}".encode("utf-16"), "it is in UTF-16"),
+        (f"{HEADER}\n{ROWS}".replace("\n", "\r"), ""),
+    ],
+    ids=["semicolons", "tabs", "german", "quoted", "utf-16", "carriage returns"],
+)
+def test_what_spreadsheets_write_is_read_and_told(
+    tmp_path: Path, content: str | bytes, note: str
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    recording = Recording.load(path)
+    np.testing.assert_array_equal(recording.columns["knee/position"], [0.0, 0.05, 0.09])
+    assert len(recording.notes) == bool(note)
+    assert note in "".join(recording.notes)
+
+
+def test_a_file_that_is_not_utf8_is_read_as_latin1_and_told(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = ROWS.replace("\n", ",20\n")
+    path.write_bytes(f"{HEADER},motor [°C]\n{rows}".encode("latin-1"))
+    recording = Recording.load(path)
+    assert recording.unused == ("motor [°C]",)
+    assert recording.notes == ("byte 0xb0 at line 1 is not UTF-8; the file was read as Latin-1",)
+    path.write_bytes(f"{HEADER},motor [°C]\n".encode() + rows.replace("20", "20°").encode("cp1252"))
+    refused_file(path, "byte 0xb0 at line 2 is not UTF-8, and what is above it is", "in UTF-8")
+
+
+def test_a_clock_that_was_reset_is_told_from_rows_out_of_order(tmp_path: Path) -> None:
+    rows = "".join(f"{t / 100},0,{t}e-3\n" for t in [*range(40), *range(40)])
+    path = write_csv(tmp_path / "log.csv", f"{HEADER}\n{rows}")
+    refused_file(path, "jumps back at row 41 (line 42)", "0.39 s, then 0.0 s", "Cut the file there")
+
+
+def test_archives_that_declare_more_than_they_may_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    for size, part in ((2**30, "its header asks for 1073741824 bytes"), (2**62, "header asks")):
+        path.write_bytes(bomb(size))
+        refused_file(path, part)
+    zeros = np.zeros(2**16)
+    np.savez_compressed(path, time=zeros, **{"knee/position": zeros})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(files, "MOST_VALUES", 1000)
+        refused_file(path, "its arrays unpack to 1048", "more than the 8000 that are read")
+        parquet = write_parquet(
+            tmp_path / "log.parquet",
+            columns(time=zeros, knee__position=zeros, knee__position_target=zeros),
+        )
+        refused_file(parquet, "65536 rows of 3 columns are more than 1000 numbers", "Cut it")
+
+
 def test_integers_floats_and_text_in_one_column_across_many_blocks(tmp_path: Path) -> None:
     rows = "".join(f"{i / 1000},0,1\n" for i in range(150_000))
     path = write_csv(tmp_path / "log.csv", f"{HEADER}\n{rows}150,0.5,1\n")
@@ -348,7 +413,9 @@ def test_empty_and_broken_files_are_refused(tmp_path: Path, suffix: str) -> None
     path.write_bytes(b"")
     refused_file(path, "the file is empty")
     path.write_bytes(b"\xff\xfe\x00\x01 garbage \x80\n\x00" * 9)
-    refused_file(path, f"cannot be read as {suffix}", "Write the file again")
+    # Two of the bytes say UTF-16, in which it is a header of one name.
+    expected = "no column 'time'" if suffix == ".csv" else f"cannot be read as {suffix}"
+    refused_file(path, expected)
     make().save(path)
     whole = path.read_bytes()
     if suffix != ".csv":
@@ -395,8 +462,8 @@ def test_ragged_rows_are_refused_with_their_line(tmp_path: Path) -> None:
 def test_time_must_be_there(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "log.csv", f"{HEADER}\n{ROWS}".replace("time", "Timestamp"))
     refused_file(path, "no column 'time'", "did you mean 'Timestamp'", "Name the column")
-    write_csv(path, f"{HEADER}\n{ROWS}".replace("time", "x").replace(",", ";"))
-    refused_file(path, "no column 'time'", "there are 'x;knee/position_target;knee/position'")
+    write_csv(path, f"{HEADER}\n{ROWS}".replace("time", "x").replace(",", "/"))
+    refused_file(path, "no column 'time'", "there are 'x/knee/position_target/knee/position'")
 
 
 def test_duplicate_columns_are_refused(tmp_path: Path) -> None:

@@ -14,8 +14,10 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from walkerkit.gap import Recording, compare
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.report.diagnosis import Diagnosis, GapSize, Hint, Verdict
 from walkerkit.gap.report.page import write_report
@@ -307,6 +309,38 @@ def test_a_browser_draws_the_plots_and_runs_no_name(leg: LegDiagnosis, tmp_path:
     assert len(re.findall(r'data-title="Zoom(?: in| out)?"', dom)) == 3
     assert 'data-title="Share' not in dom  # plotly's button that uploads the data
     assert "walk (held out): &lt;/script&gt;" in dom.partition('id="shown"')[2][:200]
+
+
+@needs_browser
+def test_a_browser_runs_no_name_of_a_model_a_log_or_an_error_of_wiring(tmp_path: Path) -> None:
+    joint = HOSTILE[2]
+    model = tmp_path / "<b>arm.xml"
+    model.write_text(
+        f"""<mujoco><option timestep='0.005' integrator='implicitfast'/><worldbody><body>
+        <joint name="{html.escape(joint)}" axis="0 1 0" armature="0.01"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.4"/></body></worldbody>
+        <actuator><position joint="{html.escape(joint)}" kp="20" kv="0.6"/></actuator></mujoco>"""
+    )
+    time = np.arange(300) * 0.01
+    swing = 0.4 * np.sin(3 * time)
+    log = Recording(
+        name=HOSTILE[0],
+        time=time,
+        columns={f"{joint}/position": -swing, f"{joint}/position_target": swing},
+        notes=(HOSTILE[0],),
+        unused=(HOSTILE[2],),
+    )
+    diagnosis = compare(model, [log], n_threads=1)
+    assert diagnosis.wiring[0].joints == (joint,)
+    path = tmp_path / "report.html"
+    write_report(diagnosis, path, title=model.name, models=[model.name])
+    dom, console = browse(path)
+    assert console == []
+    assert re.search("<title>[^<]*&lt;b&gt;arm", dom)
+    page = Page(dom)
+    assert not [attributes for _, attributes in page.tags if "onerror" in attributes]
+    assert len(page.scripts) == 4
+    assert f"The sign of {joint} is flipped" in page.text
 
 
 @needs_browser

@@ -1,0 +1,86 @@
+"""Quirks of real logs: angles that wrap are unwrapped, what cannot be mended is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.tidy import tidied
+
+FloatArray = NDArray[np.float64]
+TIME = np.arange(2000) * 0.002
+TARGET = 0.5 * np.sin(2 * np.pi * 0.7 * TIME * (1 + 0.2 * TIME))
+
+
+def log(position: FloatArray, target: FloatArray = TARGET) -> Recording:
+    return Recording(
+        name="log", time=TIME, columns={"knee/position": position, "knee/position_target": target}
+    )
+
+
+def wrapped(angle: FloatArray) -> FloatArray:
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def noisy(position: FloatArray, counts: float = 1e-3) -> FloatArray:
+    noise = np.random.default_rng(0).normal(0, 5e-4, len(position))
+    rounded: FloatArray = counts * np.round((position + noise) / counts)
+    return rounded
+
+
+def late(values: FloatArray, samples: int) -> FloatArray:
+    return values[np.maximum(np.arange(len(values)) - samples, 0)]
+
+
+def test_an_ordinary_log_is_left_alone() -> None:
+    for position in (noisy(late(TARGET, 5)), noisy(0.02 * TARGET), np.round(TARGET, 1)):
+        recording = log(position)
+        assert tidied(recording).notes == ()
+        assert tidied(recording).columns["knee/position"] is not None
+        np.testing.assert_array_equal(tidied(recording).columns["knee/position"], position)
+    steps = 0.4 * np.sign(np.sin(9 * TIME))
+    assert tidied(log(noisy(0.4 * np.tanh(20 * np.sin(9 * TIME - 0.2))), steps)).notes == ()
+
+
+@pytest.mark.parametrize("offset", [0.0, 2.9, -3.0])
+def test_angles_that_wrap_are_unwrapped(offset: float) -> None:
+    angle = offset + 4 * TARGET
+    found = tidied(log(wrapped(late(angle, 5)), wrapped(angle)))
+    np.testing.assert_allclose(
+        found.columns["knee/position"] - found.columns["knee/position_target"],
+        late(angle, 5) - angle,
+        atol=1e-9,
+    )
+    assert "knee/position_target jumps by a turn" in " ".join(found.notes) or not offset
+
+
+def test_turns_between_a_reading_and_its_target_are_taken_away() -> None:
+    found = tidied(log(late(TARGET, 5) + 4 * np.pi))
+    np.testing.assert_allclose(found.columns["knee/position"], late(TARGET, 5), atol=1e-12)
+    assert found.notes == ("knee/position is +2 turns from its target; they were taken away",)
+
+
+def test_a_wheel_that_turns_too_often_is_refused() -> None:
+    with pytest.raises(InputError, match=r"'knee/position' wraps 10 times, .* Cut it into shorter"):
+        tidied(log(wrapped(15 * TIME)))
+
+
+def test_a_saturated_encoder_is_told() -> None:
+    (note,) = tidied(log(np.clip(noisy(TARGET), -0.3, 1))).notes
+    assert "knee/position stays at its smallest value -0.3 for" in note
+    assert "a saturated encoder, or a stop" in note
+
+
+def test_samples_that_repeat_are_told() -> None:
+    held = np.repeat(noisy(TARGET, 1e-4)[::5], 5)
+    assert "logged about 5 times as fast as it was measured" in tidied(log(held)).notes[0]
+
+
+def test_a_measurement_ahead_of_its_target_is_told() -> None:
+    (note,) = tidied(log(noisy(TARGET), late(TARGET, 20))).notes
+    ahead = float(note.split("is ")[1].split(" ms")[0])
+    assert ahead == pytest.approx(40, abs=10)
+    assert "out of step" in note
