@@ -191,6 +191,8 @@ def diagnose_fleet(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Diagnose again what DIR has of the same input.")
     ] = False,
+    allow_code: AllowCode = False,
+    allow_outside: AllowOutside = False,
     json: Annotated[bool, typer.Option("--json", help="Print fleet.json instead of tables.")] = (
         False
     ),
@@ -220,6 +222,8 @@ def diagnose_fleet(
             window=window,
             effects=effect,
             n_threads=threads,
+            allow_code=allow_code,
+            allow_outside=allow_outside,
             overwrite=overwrite,
             ended=ended,
         )

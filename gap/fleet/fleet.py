@@ -84,6 +84,8 @@ def diagnose_fleet(
     window: float = WINDOW,
     effects: Sequence[str] | None = None,
     n_threads: int = 1,
+    allow_code: bool = False,
+    allow_outside: bool = False,
     overwrite: bool = False,
     ended: Ended | None = None,
 ) -> Fleet:
@@ -102,6 +104,9 @@ def diagnose_fleet(
         window: as for `diagnose`.
         effects: as for `diagnose`.
         n_threads: threads of each robot's simulation.
+        allow_code: the fleet's file, or a manifest that it names, may name
+            `package.module:callable` as a model.
+        allow_outside: as for `diagnose`.
         overwrite: diagnose robots again that `out` has with the same input.
         ended: called with each robot's outcome as it comes.
 
@@ -111,7 +116,7 @@ def diagnose_fleet(
     from walkerkit.gap.fleet.page import write_page
     from walkerkit.gap.workflow import check_effects
 
-    members = load_fleet(manifest)
+    members = load_fleet(manifest, allow_code=allow_code)
     check_engine(engine, address, workers)
     check_effects(effects)
     if not window > 0:
@@ -124,6 +129,8 @@ def diagnose_fleet(
             window=window,
             effects=None if effects is None else tuple(effects),
             n_threads=n_threads,
+            allow_code=allow_code,
+            allow_outside=allow_outside,
             folder=str(Path.cwd()),
         )
         for member in members

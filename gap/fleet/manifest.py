@@ -24,7 +24,13 @@ from typing import Any, NoReturn
 
 from walkerkit.gap.errors import InputError, refusal
 from walkerkit.gap.recordings.files import check_file
-from walkerkit.gap.recordings.manifest import check_keys, is_callable, listed_files, read_tables
+from walkerkit.gap.recordings.manifest import (
+    check_code,
+    check_keys,
+    is_callable,
+    listed_files,
+    read_tables,
+)
 
 FLEET_FILES = ("fleet.json", "fleet.html")
 _ONE_MODEL = ("model", "recordings", "held_out")
@@ -48,11 +54,12 @@ class Member:
     held_out: tuple[str, ...] = ()
 
 
-def load_fleet(path: str | Path) -> tuple[Member, ...]:
+def load_fleet(path: str | Path, *, allow_code: bool = False) -> tuple[Member, ...]:
     """Reads which robots there are, and checks that their files exist.
 
     Args:
         path: a TOML file, as in this module's docstring.
+        allow_code: it may name `package.module:callable` as a model.
 
     Returns:
         The robots in the file's order, with absolute paths.
@@ -67,7 +74,7 @@ def load_fleet(path: str | Path) -> tuple[Member, ...]:
         label = f"{path}: robot {name!r}"
         if name in members:
             raise refusal(f"{label} is listed twice. Give each robot a name of its own.")
-        members[name] = _member(path.absolute().parent, label, name, table)
+        members[name] = _member(path.absolute().parent, label, name, table, allow_code)
     return tuple(members.values())
 
 
@@ -91,7 +98,9 @@ def _name(label: str, table: Mapping[str, Any]) -> str:
     return name
 
 
-def _member(folder: Path, label: str, name: str, table: Mapping[str, Any]) -> Member:
+def _member(
+    folder: Path, label: str, name: str, table: Mapping[str, Any], allow_code: bool
+) -> Member:
     check_keys(label, table, _KEYS)
     given = [key for key in _ONE_MODEL if key in table]
     if "experiments" in table:
@@ -109,6 +118,7 @@ def _member(folder: Path, label: str, name: str, table: Mapping[str, Any]) -> Me
     model = _text(label, table, "model", "robot.xml")
     if Path(model).suffix.lower() == ".toml":
         raise refusal(f"{label}: model = {model!r} is a manifest. Write experiments = {model!r}.")
+    check_code(label, model, allow_code)
     if not is_callable(model):
         model = _file(folder, label, "model", model)
     files = {

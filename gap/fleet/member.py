@@ -6,14 +6,11 @@ back as the content of files, so that one process alone writes them.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-
-import numpy as np
 
 from walkerkit.gap.fleet.manifest import Member
 
@@ -24,7 +21,7 @@ class Job:
 
     Attributes:
         member: the robot.
-        window, effects, n_threads: as for `diagnose`.
+        window, effects, n_threads, allow_code, allow_outside: as for `diagnose`.
         folder: where modules of callables are looked for, too.
     """
 
@@ -32,6 +29,8 @@ class Job:
     window: float
     effects: tuple[str, ...] | None
     n_threads: int
+    allow_code: bool
+    allow_outside: bool
     folder: str
 
 
@@ -65,6 +64,8 @@ def diagnose_member(job: Job) -> Made:
         window=job.window,
         effects=job.effects,
         n_threads=job.n_threads,
+        allow_code=job.allow_code,
+        allow_outside=job.allow_outside,
     )
     with tempfile.TemporaryDirectory() as name:
         folder = result.save(name)
@@ -79,44 +80,28 @@ def diagnose_member(job: Job) -> Made:
 def input_key(job: Job) -> str:
     """A hash of everything that a diagnosis depends on: two jobs with one key have one result.
 
-    That is the compiled models and what lies beside them, the recordings as numbers, which are held
-    out, the options and the version; neither paths nor the threads.
-
     Raises:
         InputError: the model or the recordings cannot be used.
     """
     os.environ.setdefault("MUJOCO_GL", "disable")  # before dm_control looks for a display
     if job.folder not in sys.path:
         sys.path.append(job.folder)
-    from importlib.metadata import version
-
-    import mujoco
-
     from walkerkit.gap.recordings.manifest import load_experiments
+    from walkerkit.gap.report.claim import run_key
     from walkerkit.gap.workflow import prepare
 
     member = job.member
     setup = prepare(
-        load_experiments(member.model, member.recordings, held_out=member.held_out),
+        load_experiments(
+            member.model,
+            member.recordings,
+            held_out=member.held_out,
+            allow_code=job.allow_code,
+        ),
         window=job.window,
         n_threads=job.n_threads,
+        allow_outside=job.allow_outside,
     )
-    found = hashlib.sha256()
-
-    def add(*values: object) -> None:
-        found.update(repr(values).encode() + b"\n")
-
-    add(version("walkerkit"), version("mujoco"), job.window, job.effects)
-    for robot in setup.robots:
-        add(robot.stem, robot.joints, robot.measurement, robot.hold, robot.laws, robot.notes)
-        compiled = np.empty(mujoco.mj_sizeModel(robot.model), np.uint8)
-        mujoco.mj_saveModel(robot.model, None, compiled)
-        found.update(compiled.tobytes())
-    for half in (setup.fitted, setup.held_out):
-        for group in half:
-            add("group", len(group))
-            for recording in group:
-                add(recording.name, list(recording.columns))
-                for values in (recording.time, *recording.columns.values()):
-                    found.update(np.ascontiguousarray(values).tobytes())
-    return found.hexdigest()
+    return run_key(
+        setup.robots, (*setup.fitted, *setup.held_out), ("fleet", job.window, job.effects)
+    )

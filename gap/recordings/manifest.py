@@ -113,6 +113,15 @@ def check_keys(label: str, table: Iterable[str], valid: Sequence[str]) -> None:
             )
 
 
+def check_code(label: str, model: str, allow_code: bool) -> None:
+    """Raises InputError, which begins with the label, for code that may not be run."""
+    if is_callable(model) and not allow_code:
+        raise refusal(
+            f"{label} has the model {model!r}, which is code to be run. Pass --allow-code "
+            "(allow_code=True) if you trust it, or give an MJCF file."
+        )
+
+
 def listed_files(label: str, table: Mapping[str, Any], key: str) -> list[str]:
     """The names of files under a key that may be missing.
 
@@ -199,11 +208,7 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any], allow_code: b
     if not table.keys() & {"recordings", "held_out"}:
         raise refusal(f'{label} has no recordings. Write recordings = ["log.csv"].')
     files = {key: listed_files(label, table, key) for key in ("recordings", "held_out")}
-    if is_callable(model) and not allow_code:
-        raise refusal(
-            f"{label} has the model {model!r}, which is code to be run. Pass --allow-code "
-            "(allow_code=True) if you trust it, or give an MJCF file."
-        )
+    check_code(label, model, allow_code)
     if not is_callable(model):
         model = str(path.parent / model)
     _check_model(model)

@@ -177,7 +177,8 @@ def test_only_the_same_input_is_kept(robots: Path, here: Path, tmp_path: Path) -
 
     def job(**changes: Any) -> Job:
         options = {"member": member, "window": 0.5, "effects": ("torque_bias",), "n_threads": 2}
-        return Job(**{**options, "folder": str(tmp_path), **changes})
+        allowed = {"allow_code": False, "allow_outside": False}
+        return Job(**{**options, **allowed, "folder": str(tmp_path), **changes})
 
     folder = tmp_path / "unit-1"
     folder.mkdir()
