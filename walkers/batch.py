@@ -227,7 +227,7 @@ class LockStep:
         failed = np.zeros(self.n_sims, dtype=bool)
         most = n_steps - 1
         early = [(0, most)] if steady and most else [(k, 1) for k in range(most)]
-        with _without_warnings():
+        with _QUIET:
             for first, steps in [*early, (most, 1)]:
                 before(first)
                 last = first == most
