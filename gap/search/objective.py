@@ -12,6 +12,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -218,7 +219,11 @@ class Objective:
         # Robots side by side: while one is in MuJoCo, another's laws run.
         if self._side_by_side > 1:
             with ThreadPoolExecutor(self._side_by_side) as pool:
-                stacks = list(pool.map(simulated, self.replays))
+                # Each with the context of this thread, where warnings are counted.
+                contexts = [copy_context() for _ in self.replays]
+                stacks = list(
+                    pool.map(lambda own, replay: own.run(simulated, replay), contexts, self.replays)
+                )
         else:
             stacks = [simulated(replay) for replay in self.replays]
         residual: FloatArray = np.concatenate(stacks, axis=1) - self.measured
