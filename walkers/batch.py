@@ -60,6 +60,7 @@ _CHECKED_EVERY = 16  # steps that one which has diverged may go on for
 # ordinary event here. The handler is called from threads without the interpreter lock, so it has
 # to be a C function: strlen reads the message and does nothing else.
 _IGNORE = ctypes.CFUNCTYPE(ctypes.c_size_t, ctypes.c_char_p)(("strlen", ctypes.CDLL(None)))
+_COUNTING = threading.Lock()
 _COUNTED: ContextVar[Counter[str] | None] = ContextVar("warnings", default=None)
 
 
@@ -113,7 +114,8 @@ def count_warnings(counts: Mapping[str, int]) -> None:
     """Adds to what `counted_warnings` counts."""
     counter = _COUNTED.get()
     if counter is not None:
-        counter.update(counts)
+        with _COUNTING:
+            counter.update(counts)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -219,9 +219,10 @@ class Objective:
         # Robots side by side: while one is in MuJoCo, another's laws run.
         if self._side_by_side > 1:
             with ThreadPoolExecutor(self._side_by_side) as pool:
-                contexts = [copy_context() for _ in self.replays]  # to count warnings in
+                # Each with the context of this thread, where warnings are counted.
+                contexts = [copy_context() for _ in self.replays]
                 stacks = list(
-                    pool.map(lambda c, r: c.run(simulated, r), contexts, self.replays)
+                    pool.map(lambda own, replay: own.run(simulated, replay), contexts, self.replays)
                 )
         else:
             stacks = [simulated(replay) for replay in self.replays]
