@@ -255,7 +255,7 @@ BAD_MODELS: dict[str, tuple[str | None, tuple[str, ...]]] = {
     "missing": (None, ("no such file", "Check the path")),
     "empty": ("", ("the file is empty",)),
     "no XML": ("hello", ("does not compile", "Mend the MJCF")),
-    "unclosed": ("<mujoco><worldbody>", ("does not compile", "Line number=1", "Mend the MJCF")),
+    "unclosed": ("<mujoco><worldbody>", ("does not compile", "line 1", "Mend the MJCF")),
     "unknown attribute": (
         SERVO.replace("kp=", 'kq="1" kp='),
         ("does not compile", "unrecognized attribute: 'kq'", "line 11", "Mend the MJCF"),
