@@ -158,7 +158,8 @@ def test_what_is_not_joined():
         assert group._joined == []
 
 
-@pytest.mark.parametrize("name", [name for name in ROBOTS if name != "late"])
+# Lags that are drawn differ between a batch and one physics, unless `Adoption` carries them over.
+@pytest.mark.parametrize("name", [name for name in ROBOTS if not name.startswith("late")])
 def test_a_batch_is_joined_and_comes_to_the_same(name):
     cfgs = ROBOTS[name]
     group, physics = started(cfgs)
