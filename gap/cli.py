@@ -248,7 +248,7 @@ def _end_with_failures(fleet: Any, manifest: Path) -> NoReturn:
         f"{remedy} the same again: the other robots are kept.",
         err=True,
     )
-    raise SystemExit(2 if all(one.failure.refused for one in fleet.failed) else 1)
+    raise typer.Exit(2 if all(one.failure.refused for one in fleet.failed) else 1)
 
 
 @app.command()

@@ -391,6 +391,7 @@ def _gap(replayed: Sequence[_Replayed], places: Sequence[int], signal: int) -> f
 def _liveliest(source: int, recording: Recording, length: float, most: int) -> Iterator[_Stretch]:
     """Stretches of a recording in which each of its joints moves most."""
     time = recording.time
+    length = min(length, float(time[-1] - time[0]))
     count = max(1, int((time[-1] - time[0]) / length))
     edges = np.searchsorted(time, time[0] + length * np.arange(count + 1))
     edges[-1] = len(time) if count == 1 else edges[-1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,10 @@ import pytest
 os.environ.setdefault("MUJOCO_GL", "disable")
 
 ROOT = Path(__file__).resolve().parent.parent
+# The benchmarks are no part of the installation; they are imported from the checkout, behind
+# everything else, so that no folder of it hides an installed package.
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from walkerkit.walkers import LEG_XML
+
 _BLOCK = re.compile(r"^```(bash|python|toml|xml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -25,8 +27,13 @@ def _runnable(language: str, code: str) -> bool:
 def test_every_block_runs(repository: Path, tmp_path: Path) -> None:
     blocks = [block for block in _blocks(repository / "README.md") if _runnable(*block)]
     assert len(blocks) >= 4
-    # What `make demo` leaves behind is what the README goes on with.
-    for language, code in [("bash", "walkerkit demo"), *blocks]:
+    # The README goes on with what `make demo` leaves behind; here with shorter recordings.
+    left = tmp_path / "walkerkit-demo"
+    left.mkdir()
+    (left / "leg.xml").write_bytes(Path(LEG_XML).read_bytes())
+    hidden = "--hide viscous_friction --seconds 4"
+    demo = f"walkerkit simulate walkerkit-demo/leg.xml {hidden} --out walkerkit-demo/recordings"
+    for language, code in [("bash", demo), *blocks]:
         _run(language, code, tmp_path)
 
 

@@ -26,7 +26,7 @@ _DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
 _CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
 INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
 _ALIGNED = 0.2  # how much of the model's error looks like a change of one of its numbers
-_UNCORRECTED = 0.5  # of what half the timestep changes
+_UNCORRECTED = 0.25  # of what half the timestep changes
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
 

@@ -333,6 +333,8 @@ class _Search:
         objective = self._problem.screen.objective
         every = range(len(view.candidates))
         able = [i for i in every if view.candidates[i].tries and not _outdone(view, i)]
+        if not able:
+            return []
         warm = evaluate(objective, [view.start([i]) for i in able])
         promised = [view.promise([i]) for i in able]
         hope = _HOPE * least_gain(self._problem) / view.channels
@@ -485,7 +487,8 @@ class _Search:
                 confidence=0.0,
                 fit=current,
                 evidence=base,
-                one_sided=one_sided(problem, Evidence.joined([base, tried.evidence])),
+                one_sided=bool(tried.fits)
+                and one_sided(problem, Evidence.joined([base, tried.evidence])),
             )
         )
         return tuple(rounds)

@@ -150,7 +150,7 @@ def test_a_hidden_effect_is_named_with_its_value(
     assert found.verdict == "explained"
     assert found.gap.position.after < 0.9 * found.gap.position.before
     assert {of.at_bound for of in named.parameters} == {False}
-    assert all(of.std is not None and of.std < 0.1 * abs(of.value) for of in named.parameters)
+    assert all(of.std is not None and of.std < 0.15 * abs(of.value) for of in named.parameters)
     assert [at.joint for at in found.locations] == ["knee"] * len(found.locations)
 
 
@@ -572,7 +572,7 @@ def test_results_depend_neither_on_threads_nor_on_hashes(
             check=False,
         )
         assert (done.returncode, done.stderr) == (0, b"")
-    workflow.diagnose(servo, files, effects=few, n_threads=1).save(folders[2])
+    workflow.diagnose(servo, files, effects=few, n_threads=1, out=folders[2])
     first, *others = (content(folder) for folder in folders)
     assert "next_experiment.csv" in first  # there is a confusion set, so that order can matter
     for other in others:

@@ -19,9 +19,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def load(folder: Path, text: str):
+def load(folder: Path, text: str, *, allow_code: bool = True):
     (folder / "fleet.toml").write_text(text)
-    return load_fleet(folder / "fleet.toml")
+    return load_fleet(folder / "fleet.toml", allow_code=allow_code)
 
 
 def test_files_are_relative_to_the_manifest(folder: Path) -> None:
@@ -75,3 +75,10 @@ def test_what_is_wrong_is_named_in_one_line(
     assert len(message.splitlines()) == 1
     for part in parts:
         assert part in message
+
+
+def test_code_is_run_only_where_that_is_allowed(folder: Path) -> None:
+    code = ONE.replace('"leg.xml"', '"robots:leg"')
+    assert load(folder, code)[0].model == "robots:leg"
+    with pytest.raises(InputError, match=r"'a' has the model 'robots:leg'.* --allow-code"):
+        load(folder, code, allow_code=False)
