@@ -35,7 +35,8 @@ def test_resets_with_recompilation_keep_no_physics():
 
     def alive():
         gc.collect()
-        return sum(isinstance(one, Physics) for one in gc.get_objects())
+        # By type: `isinstance` would ask proxies what they stand for.
+        return sum(issubclass(type(one), Physics) for one in gc.get_objects())
 
     environment.reset()
     before = alive()
