@@ -7,7 +7,7 @@ Bounded; a trial that diverges scores infinity.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Case, Moves, Objective
-from walkerkit.gap.search.structure import Structure
+from walkerkit.gap.search.structure import Structure, found_in
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float], None]  # what is being done, and how far it is (0 to 1)
@@ -27,6 +27,8 @@ _CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
 INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
 _ALIGNED = 0.2  # how much of the model's error looks like a change of one of its numbers
 _UNCORRECTED = 0.25  # of what half the timestep changes
+_RIGHT = 0.3  # of what a step changes may be otherwise than the slopes said
+_KEPT = 2**28  # bytes of slopes that are carried along
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
 
@@ -73,6 +75,7 @@ def fit(
     *,
     iterations: int = 8,
     race: Sequence[int] | None = None,
+    near: Fit | None = None,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> list[Fit]:
@@ -84,6 +87,7 @@ def fit(
         iterations: the most steps any of them may take.
         race: the race that each start is in, to give up on a structure that is too far behind the
             best of its race to catch up at its pace; None to take all to their end.
+        near: a fit that has numbers in common with all starts, which begin with its slopes.
         progress: called before each step.
         stage: what it is told.
 
@@ -92,7 +96,7 @@ def fit(
     """
     return _finished(
         [(start.structure, start.values) for start in starts],
-        lambda: _fit(objective, starts, iterations, race, progress, stage),
+        lambda: _fit(objective, starts, iterations, race, near, progress, stage),
     )
 
 
@@ -101,44 +105,128 @@ def _fit(
     starts: Sequence[Fit],
     iterations: int,
     race: Sequence[int] | None,
+    near: Fit | None,
     progress: Progress | None,
     stage: str,
 ) -> list[Fit]:
     best = list(starts)
     active = [i for i, start in enumerate(best) if len(start.values) and np.isfinite(start.score)]
-    for iteration in range(iterations):
-        if not active:
-            break
+    taken = dict.fromkeys(active, 0)
+    slopes: dict[int, _Slopes] = {}
+    size = sum(len(best[i].values) for i in active) * objective.measured.nbytes
+    if near is not None and len(near.values) and size <= _KEPT:
+        slopes = dict(zip(active, _near(objective, near, [best[i] for i in active]), strict=True))
+    while active:
         if progress:
-            progress(stage, iteration / iterations)
-        normals = _normal_equations(objective, [best[i] for i in active])
-        cases = [
-            Case(structure=best[i].structure, values=_steps(best[i], *normal))
-            for i, normal in zip(active, normals, strict=True)
-        ]
+            progress(stage, min(taken[i] for i in active) / iterations)
+        cases = _next_steps(objective, best, active, slopes)
+        trusted = {i for i in active if i not in slopes or slopes[i].right}
         gains: dict[int, float] = {}
-        for i, case, mean_square in zip(active, cases, objective.mean_squares(cases), strict=True):
+        for i, case, residual in zip(active, cases, _residuals(objective, cases), strict=True):
+            mean_square = objective.mean_square(residual)
             scores = objective.score(mean_square)
             k = int(np.argmin(scores))
             gain = best[i].score - float(scores[k])
             if gain > 0:
+                step = (case.values[k] - best[i].values) / case.structure.scale
                 best[i] = replace(
                     best[i],
                     values=case.values[k],
                     score=float(scores[k]),
                     mean_square=mean_square[k],
                 )
+                if i in slopes:
+                    weights = objective.weights(mean_square[k])
+                    slopes[i].follow(step, residual[k], weights)
             gains[i] = gain
-        if race is None:
-            active = [i for i, gain in gains.items() if gain > _CONVERGED]
-        else:
-            active = [
-                i
-                for i, gain in gains.items()
-                if gain > _CONVERGED_IN_RACE
-                and best[i].score - _leader(best, race, race[i]) < _PACES * gain
-            ]
+        active, before = [], active
+        for i in before:
+            leader = _leader(best, race, race[i]) if race is not None else -np.inf
+            least = _CONVERGED if race is None else _CONVERGED_IN_RACE
+            if gains[i] > least and (race is None or best[i].score - leader < _PACES * gains[i]):
+                taken[i] += 1
+                if taken[i] < iterations:
+                    active.append(i)
+            elif i not in trusted:
+                del slopes[i]  # which cannot say that there is no more
+                active.append(i)
+            else:
+                slopes.pop(i, None)
     return best
+
+
+@dataclass(kw_only=True)
+class _Slopes:
+    """What each parameter changes of a fit's residual, carried along with the fit.
+
+    Where a step changed the residual by something else than the slopes said, they are turned as
+    little as makes them right along that step (Broyden, Mathematics of Computation 19, 1965).
+
+    Attributes:
+        residual: (rows, n_scored).
+        jacobian: (n_parameters, rows, n_scored) per scale.
+        simulated: how many simulations that took; few are not worth carrying along.
+        right: they are of this very fit, or said what the last step would change.
+    """
+
+    residual: FloatArray
+    jacobian: FloatArray
+    simulated: int
+    right: bool = True
+
+    def follow(self, step: FloatArray, residual: FloatArray, weights: FloatArray) -> None:
+        """Moves on by a step, (n_parameters,) in scales, to where the residual is another."""
+        changed = residual - self.residual
+        missed = changed - np.tensordot(step, self.jacobian, 1)
+        along = step / (step @ step)
+        for k in np.flatnonzero(step):
+            self.jacobian[k] += along[k] * missed
+        self.residual = residual.copy()
+        size, wrong = (float(np.sum(weights * one**2)) for one in (changed, missed))
+        self.right = wrong < _RIGHT**2 * size
+
+
+def _near(objective: Objective, near: Fit, starts: Sequence[Fit]) -> Iterator[_Slopes]:
+    """Slopes to begin with: those of another fit for the numbers that it has, others simulated."""
+    (known,) = _linearised(objective, [near])
+    places = [found_in(start.structure, near.structure) for start in starts]
+    own = [np.flatnonzero(place < 0) for place in places]
+    for start, place, slopes in zip(
+        starts, places, _linearised(objective, starts, own), strict=True
+    ):
+        scale = start.structure.scale / near.structure.scale[place]
+        slopes.jacobian = np.where(
+            (place < 0)[:, None, None],
+            slopes.jacobian,
+            known.jacobian[place] * scale[:, None, None],
+        )
+        slopes.right = False
+        slopes.simulated = len(place)
+        yield slopes
+
+
+def _next_steps(
+    objective: Objective, best: Sequence[Fit], active: Sequence[int], slopes: dict[int, _Slopes]
+) -> list[Case]:
+    """A trial per damping factor for each fit; finds the slopes that are missing."""
+    steps = {
+        i: _steps(best[i], *_normal_equations(objective, best[i], slopes[i]))
+        for i in active
+        if i in slopes
+    }
+    room = _KEPT - sum(one.jacobian.nbytes for one in slopes.values())
+    missing = [i for i in active if i not in slopes]
+    for i, found in zip(missing, _linearised(objective, [best[i] for i in missing]), strict=True):
+        steps[i] = _steps(best[i], *_normal_equations(objective, best[i], found))
+        if found.simulated > len(_DAMPING) and found.jacobian.nbytes <= room:
+            room -= found.jacobian.nbytes
+            slopes[i] = found
+    return [Case(structure=best[i].structure, values=steps[i]) for i in active]
+
+
+def _residuals(objective: Objective, cases: Sequence[Case]) -> Iterator[FloatArray]:
+    for group in objective.grouped(cases):
+        yield from objective.residuals(cases[group])
 
 
 def _finished(
@@ -180,51 +268,54 @@ class _Perturbed:
     moves: Moves
 
 
-def _perturbed(objective: Objective, current: Fit) -> _Perturbed:
+def _perturbed(objective: Objective, current: Fit, own: NDArray[np.intp]) -> _Perturbed:
     structure = current.structure
     _, upper = structure.bounds
     move = _PERTURBATION * structure.scale
-    move = np.where(current.values + move > upper, -move, move)
-    moves = objective.moves(structure.branches)
+    move = np.where(current.values + move > upper, -move, move)[own]
+    moves = objective.moves([structure.branches[k] for k in own])
     values = np.tile(current.values, (2 + int(moves.row.max(initial=-1)), 1))
-    values[1 + moves.row, np.arange(len(move))] += move
+    values[1 + moves.row, own] += move
     return _Perturbed(case=Case(structure=structure, values=values), move=move, moves=moves)
 
 
-def _normal_equations(
-    objective: Objective, fits: Sequence[Fit]
-) -> list[tuple[FloatArray, FloatArray]]:
-    """JᵀWJ and JᵀWr of every fit, in units of the parameters' scales."""
-    moved = [_perturbed(objective, one) for one in fits]
+def _linearised(
+    objective: Objective, fits: Sequence[Fit], own: Sequence[NDArray[np.intp]] | None = None
+) -> Iterator[_Slopes]:
+    """The slopes at every fit, simulated, or those of some of its numbers, zero for the others."""
+    if own is None:
+        own = [np.arange(len(one.values)) for one in fits]
+    moved = [_perturbed(objective, one, some) for one, some in zip(fits, own, strict=True)]
     cases = [one.case for one in moved]
-    equations = []
     for group in objective.grouped(cases):
         linearised = objective.linearised(cases[group], [one.moves for one in moved[group]])
-        for one, perturbed, (residual, changes) in zip(
-            fits[group], moved[group], linearised, strict=True
+        for one, some, perturbed, (residual, changes) in zip(
+            fits[group], own[group], moved[group], linearised, strict=True
         ):
-            jacobian = _jacobian(one, changes, perturbed.move)
-            weighted = jacobian * objective.weights(one.mean_square)
-            flat = weighted.reshape(len(jacobian), -1)
-            equations.append(
-                (flat @ jacobian.reshape(len(jacobian), -1).T, flat @ residual.ravel())
+            slope = changes * (one.structure.scale[some] / perturbed.move)[:, None, None]
+            jacobian = np.zeros((len(one.values), *residual.shape))
+            jacobian[some] = np.where(np.isfinite(slope), slope, 0.0)  # 0 for what diverged
+            yield _Slopes(
+                residual=residual, jacobian=jacobian, simulated=len(perturbed.case.values) - 1
             )
-    return equations
 
 
-def _jacobian(one: Fit, changes: FloatArray, move: FloatArray) -> FloatArray:
-    """(n_parameters, rows, n_scored) per scale; zero for a perturbation that diverged."""
-    slope = changes * (one.structure.scale / move)[:, None, None]
-    return np.where(np.isfinite(slope), slope, 0.0)
+def _normal_equations(
+    objective: Objective, one: Fit, slopes: _Slopes
+) -> tuple[FloatArray, FloatArray]:
+    """JᵀWJ and JᵀWr, in units of the parameters' scales."""
+    weighted = slopes.jacobian * objective.weights(one.mean_square)
+    flat = weighted.reshape(len(weighted), -1)
+    jacobian = slopes.jacobian.reshape(len(weighted), -1)
+    return flat @ jacobian.T, flat @ slopes.residual.ravel()
 
 
 def jacobian(objective: Objective, one: Fit) -> FloatArray:
     """(n_parameters, rows, n_scored) what each parameter changes, per scale."""
     if not len(one.values):
         return np.zeros((0, *objective.measured.shape))
-    perturbed = _perturbed(objective, one)
-    ((_, changes),) = objective.linearised([perturbed.case], [perturbed.moves])
-    return _jacobian(one, changes, perturbed.move)
+    (found,) = _linearised(objective, [one])
+    return found.jacobian
 
 
 def losses(objective: Objective, one: Fit) -> FloatArray:
@@ -232,7 +323,8 @@ def losses(objective: Objective, one: Fit) -> FloatArray:
 
     The other parameters follow.
     """
-    ((normal, _),) = _normal_equations(objective, [one])
+    (slopes,) = _linearised(objective, [one])
+    normal, _ = _normal_equations(objective, one, slopes)
     variance = np.diag(np.linalg.pinv(normal, rcond=1e-12, hermitian=True))
     away = (one.values - one.structure.zero) / one.structure.scale
     lost: FloatArray = 0.5 * away**2 / np.maximum(variance, 1e-300)
@@ -283,12 +375,10 @@ def covariance(
         scored channels. Below `INSENSITIVE` the recordings say nothing of it, and `fit` leaves it
         where it started.
     """
-    perturbed = _perturbed(objective, one)
-    ((residual, changes),) = objective.linearised([perturbed.case], [perturbed.moves])
-    jacobian = _jacobian(one, changes, perturbed.move)
-    weighted = jacobian * objective.weights(one.mean_square)
-    normal = np.einsum("irc,jrc->ij", weighted, jacobian)
-    pull = np.einsum("irc,rc->ir", weighted, residual)
+    (slopes,) = _linearised(objective, [one])
+    weighted = slopes.jacobian * objective.weights(one.mean_square)
+    normal, _ = _normal_equations(objective, one, slopes)
+    pull = np.einsum("irc,rc->ir", weighted, slopes.residual)
     scores = np.stack([np.bincount(objective.block, weights=row) for row in pull])
     blocks = scores.shape[1]
     inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
@@ -303,3 +393,17 @@ def covariance(
             found += _UNCORRECTED**2 * np.outer(pulled, pulled)
     scale = np.diag(one.structure.scale)
     return scale @ found @ scale, _sensitivity(one, normal)
+
+
+def certainty(objective: Objective, one: Fit, noise: FloatArray) -> FloatArray:
+    """(n_parameters,) standard errors between each value and that which leaves the robot as it is.
+
+    Infinite at a bound, where there is no standard error, and for what is not felt.
+    """
+    found, sensitivity = covariance(objective, one, noise)
+    std = np.sqrt(np.maximum(np.diag(found), 0.0))
+    away = np.abs(one.values - one.structure.zero)
+    lower, upper = one.structure.bounds
+    known = (one.values > lower) & (one.values < upper) & (sensitivity > INSENSITIVE) & (std > 0)
+    errors: FloatArray = np.where(known, away / np.where(known, std, 1.0), np.inf)
+    return np.where(away == 0, 0.0, errors)

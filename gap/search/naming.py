@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit
+from walkerkit.gap.search.fit import Fit, Progress, certainty, evaluate, fit
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.places import places_needed, refit
@@ -49,6 +49,7 @@ _OF_THE_BEST = 0.2  # of its gain, which others have to reach by then
 _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _MOST_EXCHANGES = 3
+_CERTAIN = 2.0  # standard errors from where a value leaves the robot unchanged
 _MOST_RIVALS = 5
 _LIKE = 0.25  # of an effect's promise, which another has to reach to stand in for it
 _NEAR = 2.0  # of a score, summed over the channels
@@ -226,12 +227,12 @@ class _Search:
         order = sorted(range(len(fits)), key=lambda i: (size[i], evidence.both[i + 1]))
         winner = None
         for i in order:
-            if not worth_it(self._problem, evidence, i + 1):
+            if not self._worth_it(fits[i], evidence, i + 1):
                 continue
             if winner is None or (
                 evidence.both[i + 1] < evidence.both[winner + 1]
                 and (
-                    size[i] == size[winner] or worth_it(self._problem, evidence, i + 1, winner + 1)
+                    size[i] == size[winner] or self._worth_it(fits[i], evidence, i + 1, winner + 1)
                 )
             ):
                 winner = i
@@ -283,6 +284,7 @@ class _Search:
             race,
             evaluate(race, starts),
             race=[len(structure.terms) for structure, _ in starts],
+            near=current,
             progress=self._progress,
             stage=stage.format("fitting"),
         )
@@ -294,7 +296,7 @@ class _Search:
     ) -> tuple[dict[str, float], list[tuple[Structure, FloatArray]]]:
         """What effects promise on top of a fit, and where the best singles and pairs begin."""
         view = look(self._problem.screen, current, terms)
-        starts = self._starters(view)
+        starts = self._starters(view, current)
         if starts and not alone and len(current.structure.terms) + 1 < MOST_EFFECTS:
             starts += [view.start(pair) for pair in _pairs(view)]
         return _promised(view), starts
@@ -324,7 +326,7 @@ class _Search:
             or (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * blurred).all()
         )
 
-    def _starters(self, view: View) -> list[tuple[Structure, FloatArray]]:
+    def _starters(self, view: View, current: Fit) -> list[tuple[Structure, FloatArray]]:
         """The singles that are worth a race, from where a few steps have taken them.
 
         A promise is a straight line from the present model. Where that is far from the robot the
@@ -345,9 +347,8 @@ class _Search:
         chosen += [k for k in by_start[:_MOST_SINGLES] if warm[k].score < least]
         chosen = list(dict.fromkeys([*chosen, *by_promise[:_FEWEST_SINGLES]]))
         for _ in range(_WARM):
-            for k, one in zip(
-                chosen, fit(objective, [warm[k] for k in chosen], iterations=1), strict=True
-            ):
+            further = fit(objective, [warm[k] for k in chosen], iterations=1, near=current)
+            for k, one in zip(chosen, further, strict=True):
                 warm[k] = one
             chosen.sort(key=lambda k: warm[k].score)
             least = view.score - _OF_THE_BEST * (view.score - warm[chosen[0]].score)
@@ -392,7 +393,7 @@ class _Search:
             for k, one in enumerate(fits)
             if len(problem.channels) * (one.score - own.score) < _NEAR
         ]
-        fitted = fit(objective, [fits[k] for k in near], iterations=_REFITS)
+        fitted = fit(objective, [fits[k] for k in near], iterations=_REFITS, near=own)
         for k, one in zip(near, fitted, strict=True):
             fits[k] = one
         evidence = weigh(problem, [own, *fits, alone])
@@ -528,7 +529,7 @@ class _Search:
         for effect in added:
             term = next(term for term in current.structure.terms if term.effect is effect)
             current = places_needed(self._problem, current, term)
-        return self._without_the_needless(current)
+        return self._without_the_uncertain(self._without_the_needless(current))
 
     def _without_the_needless(self, current: Fit) -> Fit:
         """The fit without effects that those named after them have made superfluous."""
@@ -537,9 +538,32 @@ class _Search:
                 continue
             terms = tuple(other for other in current.structure.terms if other is not term)
             (smaller,) = refit(self._problem, current, [Structure(terms, self._problem.robots)])
-            if not worth_it(self._problem, weigh(self._problem, [smaller, current]), 1):
+            if not self._worth_it(current, weigh(self._problem, [smaller, current]), 1):
                 current = smaller
         return current
+
+    def _without_the_uncertain(self, current: Fit) -> Fit:
+        """The fit of several effects without those none of whose values is known to be there."""
+        problem = self._problem
+        while len(current.structure.terms) > 1:
+            (one,) = evaluate(problem.fit.objective, [(current.structure, current.values)])
+            sure = certainty(problem.fit.objective, one, problem.noise)
+            known = {
+                term: float(sure[one.structure.columns(term)].max())
+                for term in one.structure.terms
+                if term.effect.fitted
+            }
+            least = min(known, key=known.__getitem__, default=None)
+            if least is None or known[least] >= _CERTAIN:
+                break
+            terms = tuple(term for term in current.structure.terms if term is not least)
+            (current,) = refit(problem, current, [Structure(terms, problem.robots)])
+        return current
+
+    def _worth_it(self, one: Fit, evidence: Evidence, k: int, base: int = 0) -> bool:
+        """Whether a fit, the `k`th of the evidence, is worth it over the one at `base`."""
+        effects = len(one.structure.terms)
+        return worth_it(self._problem, evidence, k, base, effects=effects)
 
 
 def _case(one: Fit) -> Case:

@@ -19,7 +19,8 @@ def refit(problem: Problem, source: Fit, structures: Sequence[Structure]) -> lis
     """Other structures, each raced from the values that it has in common with a fit."""
     objective = problem.race.objective
     starts = [(s, carried(source.values, source.structure, s)) for s in structures]
-    return fit(objective, evaluate(objective, starts), iterations=_REFITS)
+    near = source if len(starts) > 1 else None
+    return fit(objective, evaluate(objective, starts), iterations=_REFITS, near=near)
 
 
 def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:

@@ -49,6 +49,11 @@ class Slot:
     place: str
     parameter: Parameter
 
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What it is in any structure."""
+        return self.term.effect.name, self.place, self.parameter.name
+
 
 @dataclass(frozen=True)
 class Structure:
@@ -180,21 +185,23 @@ def carried(values: FloatArray, source: Structure, target: Structure) -> FloatAr
     Returns:
         (n_parameters of target,).
     """
-
-    def key(slot: Slot) -> tuple[str, str, str]:
-        return slot.term.effect.name, slot.place, slot.parameter.name
-
-    known = {key(slot): value for slot, value in zip(source.slots, values, strict=True)}
+    known = {slot.key: value for slot, value in zip(source.slots, values, strict=True)}
     shared = {(name, p): v for (name, place, p), v in known.items() if place == EVERYWHERE}
     return np.array(
         [
             known.get(
-                key(slot),
+                slot.key,
                 shared.get((slot.term.effect.name, slot.parameter.name), slot.parameter.zero),
             )
             for slot in target.slots
         ]
     )
+
+
+def found_in(structure: Structure, other: Structure) -> NDArray[np.intp]:
+    """(n_parameters,) index of each number among those of another structure; -1 for a new one."""
+    known = {slot.key: k for k, slot in enumerate(other.slots)}
+    return np.array([known.get(slot.key, -1) for slot in structure.slots], dtype=np.intp)
 
 
 def merged(structure: Structure) -> Structure:

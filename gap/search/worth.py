@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 
 _MARGIN = 0.04  # an effect makes gaps at least four per cent smaller, in the geometric mean
 _MARGIN_OF_JOINT = 0.1  # or those of some joint ten per cent
+_MORE_EACH = 0.5  # of these margins for each effect that is there: several names fit many a gap
 _CHANCE = 0.05
 _OVER_NOISE = 0.5  # what an effect explains of some channel, over its noise
 _OVER_NUMERICAL = 0.4  # and over what half the timestep changes, which is taken out already
@@ -24,11 +25,22 @@ _TIED = 0.2  # of resamples in which the second is first
 _CLOSE = 0.1  # scores, summed over the channels, this near are the same explanation
 
 
-def worth_it(problem: Problem, evidence: Evidence, k: int, base: int = 0) -> bool:
-    """Whether fit `k` improves on fit `base` by more than chance and by what matters."""
+def worth_it(
+    problem: Problem, evidence: Evidence, k: int, base: int = 0, *, effects: int = 1
+) -> bool:
+    """Whether fit `k` improves on fit `base` by more than chance and by what matters.
+
+    Args:
+        problem: what is to be explained.
+        evidence: what recordings say of the fits.
+        k: index of the larger fit.
+        base: index of the smaller one.
+        effects: how many effects the larger has; every further one has to bring more.
+    """
     of_joint = _by_joint(problem, evidence.mean_square[base], evidence.mean_square[k])
     gain = evidence.held[base] - evidence.held[k]
-    large = gain >= _MARGIN or (gain > 0 and max(of_joint) >= _MARGIN_OF_JOINT)
+    more = 1 + _MORE_EACH * (effects - 1)
+    large = gain >= more * _MARGIN or (gain > 0 and max(of_joint) >= more * _MARGIN_OF_JOINT)
     by_chance = np.mean(evidence.held_resampled[:, base] <= evidence.held_resampled[:, k])
     explained = np.sqrt(np.maximum(evidence.mean_square[base] - evidence.mean_square[k], 0))
     least = _OVER_NOISE * problem.noise
