@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests import pages
 from tests.gap.recordings.bag import write_bag
-from tests.test_readme import _blocks, _run, _runnable
 from walkerkit.gap.effects import CATALOGUE
 
 PACKAGES = ("gap", "actuators", "walkers", "tasks")
@@ -83,12 +83,11 @@ def test_what_the_pages_import_is_public(repository: Path, package: str) -> None
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_block_of_the_pages_runs(repository: Path, tmp_path: Path, page: str) -> None:
-    blocks = [block for block in _blocks(repository / f"docs/{page}.md") if _runnable(*block)]
+    blocks = pages.runnable(repository / f"docs/{page}.md")
     assert blocks
     if page == "recording":
         write_bag(tmp_path / "my_bag")
-    for language, code in blocks:
-        _run(language, code, tmp_path)
+    pages.run(blocks, tmp_path)
 
 
 def test_the_changes_begin_with_this_version(repository: Path) -> None:
