@@ -1,6 +1,7 @@
 """What a table stands on, under which a leg swings: it slides, sinks and rocks."""
 
 from dataclasses import replace
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -38,10 +39,12 @@ def table_of(variant, floor, mu, more=("", "", "", ""), contact=""):
     return replace(robot, excursions=excursions(robot, [recording], JOINTS)), recording
 
 
+@cache
 def slippery():
     return table_of(PLAIN, 'friction="0.1"', 0.05)
 
 
+@cache
 def awkward_table(mu):
     """Every way in which MuJoCo lets a contact get its numbers, one a foot."""
     more = ('priority="1"', 'solref="-9000 -160"', "", 'contype="2" conaffinity="2"')

@@ -132,7 +132,10 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("short")
-def test_the_demonstration_finds_what_it_hid() -> None:
+def test_the_demonstration_finds_what_it_hid(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The whole catalogue is the benchmark's: `python -m benchmarks demo_seeds`.
+    few = ("sensor_delay", "command_delay", "viscous_friction", "torque_bias")
+    monkeypatch.setattr(demo, "diagnose", functools.partial(workflow.diagnose, effects=few))
     told: list[str] = []
     result, rehearsal = demo.run(
         seed=1, hide=["sensor_delay"], n_threads=1, progress=lambda stage, done: told.append(stage)
