@@ -7,9 +7,15 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 # Before anything imports dm_control, which would look for a display.
 os.environ.setdefault("MUJOCO_GL", "disable")
+# Before anything imports numpy: the tests run side by side, and so small matrices gain nothing.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# The same examples each time, however busy the machine is.
+settings.register_profile("suite", max_examples=30, deadline=None, derandomize=True)
+settings.load_profile("suite")
 
 ROOT = Path(__file__).resolve().parent.parent
 # The benchmarks are no part of the installation; they are imported from the checkout, behind

@@ -182,7 +182,7 @@ REFERENCE = {"force": PEAK, "range": (0.7, 1.5), "moment_arm": 0.05, **CURVES}
 ELBOW = ready(config(joint_names_expr=("elbow",), **REFERENCE))
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.floats(-1, 1.5), st.floats(-20, 20), st.floats(0, 1))
 def test_the_force_is_the_product_of_its_curves(q: float, qd: float, act: float) -> None:
     actuator, physics = ELBOW

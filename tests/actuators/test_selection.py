@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from walkerkit.actuators.selection import per_joint, select
 
 NAMES = ("left_hip", "left_knee", "right_hip", "right_knee", "waist")
-quick = settings(derandomize=True, max_examples=80, deadline=None)
+quick = settings(derandomize=True, max_examples=40, deadline=None)
 
 
 @pytest.mark.parametrize(

@@ -548,7 +548,7 @@ def test_odd_recordings_work(run: Run, folder: Path, case: str) -> None:
     ODD_LOGS[case](folder / "odd.csv")
     outcome = run(
         *("diagnose", "servo.xml", "odd.csv", "--threads", 1, "--json"),
-        *("--effect", "viscous_friction", "--effect", "command_delay"),
+        *("--effect", "viscous_friction"),
     )
     assert (outcome.status, outcome.err) == (0, "")
     gap = json.loads(outcome.out)["gap"]

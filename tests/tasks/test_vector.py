@@ -136,14 +136,14 @@ class TestSameAsSingleEnvironments:
         assert timed_out == 2 * N
 
     def test_falls_of_each_kind(self):
-        for limits in (
-            FallLimits(contact=False, tilt=0.1, height=0.0),
-            FallLimits(contact=False, tilt=np.pi, height=0.95),
-            FallLimits(height=0.0, tilt=np.pi),
+        for limits, steps in (
+            (FallLimits(contact=False, tilt=0.1, height=0.0), 20),
+            (FallLimits(contact=False, tilt=np.pi, height=0.95), 20),
+            (FallLimits(height=0.0, tilt=np.pi), 40),
         ):
             fell, _ = compare(
                 lambda limits=limits: Stand(Quadruped(action=ACTION), fall=limits),
-                steps=40,
+                steps=steps,
                 limit=2.0,
                 actions=np.tile([0.3, 1.0, -1.0], (N, 4)),
             )

@@ -48,7 +48,7 @@ from dm_env import test_utils
 
 from tests.walkers.robots import DOG, write
 from walkerkit.actuators import IdealPdActuatorCfg
-from walkerkit.walkers import Biped, MjcfWalker, Quadruped, with_actuators
+from walkerkit.walkers import MjcfWalker, Quadruped, with_actuators
 from walkerkit.walkers.actions import JointPositionAction
 from walkerkit.walkers.reading import read_robot
 
@@ -104,7 +104,7 @@ class Exchanged:
 
             return make
 
-        made = {"dog": dog, "quadruped": of(Quadruped), "biped": of(Biped)}
+        made = {"dog": dog, "quadruped": of(Quadruped)}
         made |= {
             "humanoid": refitted(cmu_humanoid.CMUHumanoid),
             "rat": refitted(rodent.Rat),
@@ -164,7 +164,8 @@ def patch_soccer(monkeypatch, make):
     monkeypatch.setattr(soccer_task_test, "_walker", lambda name, *_: make(name=name))
 
 
-OURS = ("dog", "quadruped", "biped")
+# One read from a file, and one that is a class of its own.
+OURS = ("dog", "quadruped")
 
 # Of their own robots some tests ask for parts by name, which ours do not have.
 pointed(ant_test.AntTest, patch_ant, ("ant",))
@@ -183,12 +184,12 @@ pointed(jumping_ball_test.JumpingBallWithHeadTest, patch_ball, ("ball", *OURS))
 TURNED = "test_walker_is_correctly_reinitialized1"
 # It takes the first contact for that with the floor; the quadruped's legs touch each other before.
 FALLEN = "test_termination"
-FALLS = ("dog", "biped", "ant", "humanoid")
+FALLS = ("dog", "ant", "humanoid")
 corridors, targets, mazes = map(
     patch_humanoid, (corridors_test, go_to_target_test, random_goal_maze_test)
 )
 pointed(corridors_test.CorridorsTest, corridors, ("humanoid",))
-pointed(corridors_test.CorridorsTest, corridors, ("dog", "biped", "ant"), without=(TURNED,))
+pointed(corridors_test.CorridorsTest, corridors, ("dog", "ant"), without=(TURNED,))
 pointed(corridors_test.CorridorsTest, corridors, ("quadruped",), without=(TURNED, FALLEN))
 pointed(go_to_target_test.GoToTargetTest, targets, FALLS)
 pointed(go_to_target_test.GoToTargetTest, targets, ("quadruped",), without=(FALLEN,))
@@ -200,9 +201,9 @@ pointed(reach_test.ReachTest, patch_rat(reach_test), ("rat", "humanoid"))
 
 # Rendering needs what may not be there, and the throw-in puts robots with legs into the floor.
 SOCCER = ("test_render", "test_throw_in")
-pointed(soccer_task_test.TaskTest, patch_soccer, ("dog", "quadruped"), without=SOCCER)
-pointed(soccer_task_test.UniformInitializerTest, patch_soccer, ("dog", "quadruped"))
-pointed(soccer_task_test.MultiturnTaskTest, patch_soccer, ("dog", "quadruped"))
+pointed(soccer_task_test.TaskTest, patch_soccer, OURS, without=SOCCER)
+pointed(soccer_task_test.UniformInitializerTest, patch_soccer, OURS)
+pointed(soccer_task_test.MultiturnTaskTest, patch_soccer, OURS)
 
 
 class TestHumanoidOfOurs(Exchanged, cmu_humanoid_test.CMUHumanoidTest):

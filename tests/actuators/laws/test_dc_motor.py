@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.actuators.reference import clip, dc_motor, pd
 from walkerkit.actuators.laws.dc_motor import DcMotorClip, DcMotorLaw, dc_motor_clip
 
-quick = settings(derandomize=True, max_examples=150, deadline=None)
+quick = settings(derandomize=True, max_examples=60, deadline=None)
 effort = st.floats(-1e3, 1e3)
 speed = st.floats(-1e3, 1e3)
 positive = st.floats(1e-2, 1e3)

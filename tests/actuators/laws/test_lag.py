@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.actuators.reference import late
 from walkerkit.actuators.laws.lag import DelayLine, LagSchedule
 
-quick = settings(derandomize=True, max_examples=60, deadline=None)
+quick = settings(derandomize=True, max_examples=30, deadline=None)
 
 
 def line(low, high, shape=(1,), hold_prob=0.0, update_period=0, seed=0):

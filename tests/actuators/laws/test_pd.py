@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.actuators.reference import clip, pd
 from walkerkit.actuators.laws.pd import PdLaw, clipped, pd_effort
 
-quick = settings(derandomize=True, max_examples=80, deadline=None)
+quick = settings(derandomize=True, max_examples=40, deadline=None)
 number = st.floats(-1e3, 1e3)
 gain = st.floats(0, 1e3)
 maybe = st.none() | number
