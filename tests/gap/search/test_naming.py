@@ -10,6 +10,7 @@ import pytest
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.manifest import load_experiments
+from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search import naming
@@ -53,17 +54,24 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Make:
     """Makes the problem of a leg with hidden effects; the chirp is held out."""
     model = tmp_path_factory.mktemp("leg") / "leg.xml"
     model.write_text(LEG)
-    known: dict[str, Problem] = {}
 
     def make(*hidden: HiddenEffect) -> Problem:
-        if str(hidden) not in known:
-            known[str(hidden)] = problem_of(model, hidden)
-        return known[str(hidden)]
+        return problem_of(model, hidden)
 
     return make
 
 
+RECORDED: dict[str, list[Recording]] = {}
+
+
 def problem_of(model: Path, hidden: Sequence[HiddenEffect]) -> Problem:
+    if str(hidden) not in RECORDED:
+        RECORDED[str(hidden)] = recorded(model, hidden)
+    experiments = load_experiments(model, RECORDED[str(hidden)])
+    return prepare(experiments, window=0.5, n_threads=1).problem("zero_order")
+
+
+def recorded(model: Path, hidden: Sequence[HiddenEffect]) -> list[Recording]:
     time = np.arange(0.0, SECONDS, 1 / RATE)
     rng = np.random.default_rng(0)
     room = np.array([0.6, 0.5])
@@ -73,10 +81,7 @@ def problem_of(model: Path, hidden: Sequence[HiddenEffect]) -> Problem:
     ]
     # Where nothing is hidden the difference between the steps is what is tested.
     substeps = 2 if hidden else 4
-    recordings = run_hardware(model, targets, rate=RATE, hidden=hidden, seed=1, substeps=substeps)
-    return prepare(load_experiments(model, recordings), window=0.5, n_threads=1).problem(
-        "zero_order"
-    )
+    return run_hardware(model, targets, rate=RATE, hidden=hidden, seed=1, substeps=substeps)
 
 
 def hide(effect: str, *joints: str, **values: float) -> HiddenEffect:
