@@ -57,11 +57,7 @@ def logs(servo: Path) -> Callable[..., list[Recording]]:
     """Records the rig with effects hidden in it; the last of three recordings is held out."""
     known: dict[str, list[Recording]] = {}
 
-    def record(
-        *hidden: HiddenEffect, seed: int = 1, substeps: int | None = None
-    ) -> list[Recording]:
-        # Where nothing is hidden the difference between the steps is what is tested.
-        substeps = substeps or (2 if hidden else 4)
+    def record(*hidden: HiddenEffect, seed: int = 1, substeps: int = 4) -> list[Recording]:
         key = f"{hidden} {seed} {substeps}"
         if key not in known:
             known[key] = run_hardware(
@@ -201,7 +197,7 @@ def test_the_joint_that_has_it_is_named(tmp_path: Path) -> None:
     model.write_text(LEG)
     both = [np.hstack([one[:750], 0.7 * one[749::-1]]) for one in targets()]
     hidden = HiddenEffect(effect="torque_bias", joints=("ankle",), values={"bias": 0.3})
-    recordings = run_hardware(model, both, rate=RATE, hidden=[hidden], seed=1, substeps=2)
+    recordings = run_hardware(model, both, rate=RATE, hidden=[hidden], seed=1)
     found = diagnose(model, recordings, effects=RESTING)
     (named,) = found.effects
     assert (named.effect, named.joints) == ("torque_bias", ("ankle",))
@@ -430,7 +426,7 @@ def test_tilt_and_offset_are_alike_on_one_joint(
 def test_only_the_effects_asked_for_are_considered(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:
-    recordings = brief(logs(hide("viscous_friction", damping=0.2)))
+    recordings = logs(hide("viscous_friction", damping=0.2))
     found = diagnose(servo, recordings, effects=["torque_bias", "armature"])
     assert {one.effect for one in found.considered} <= {"torque_bias", "armature"}
     assert found.verdict == "unexplained"

@@ -137,7 +137,7 @@ class TestSameAsSingleEnvironments:
 
     def test_falls_of_each_kind(self):
         for limits, steps in (
-            (FallLimits(contact=False, tilt=0.1, height=0.0), 20),
+            (FallLimits(contact=False, tilt=0.1, height=0.0), 40),
             (FallLimits(contact=False, tilt=np.pi, height=0.95), 20),
             (FallLimits(height=0.0, tilt=np.pi), 40),
         ):

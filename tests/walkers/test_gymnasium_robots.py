@@ -8,7 +8,7 @@ import gymnasium
 import mujoco
 import pytest
 
-from tests.walkers.others import check_thousand_steps, check_trajectory
+from tests.walkers.others import check_steps, check_trajectory
 from walkerkit.walkers.reading import read_robot
 
 ASSETS = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
@@ -40,8 +40,8 @@ def test_reading(path, model):
     assert (robot.root.worldbody.find("geom", "floor") is None) or not robot.floating
 
 
-def test_thousand_steps(path, model):
-    check_thousand_steps(path, model)
+def test_steps(path, model):
+    check_steps(path, model)
 
 
 def test_trajectory(path, model):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from dm_control import composer
 
-from tests.walkers.others import check_thousand_steps, check_trajectory, driven
+from tests.walkers.others import check_steps, check_trajectory, driven
 from tests.walkers.robots import corridor_task, go_to_target_task
 from walkerkit.actuators import IdealPdActuatorCfg
 from walkerkit.walkers import MjcfWalker
@@ -35,8 +35,8 @@ def plain(path):
     return mujoco.MjModel.from_xml_path(str(path))
 
 
-def test_thousand_steps(path):
-    check_thousand_steps(path, plain(path))
+def test_steps(path):
+    check_steps(path, plain(path))
 
 
 def test_trajectory(path):

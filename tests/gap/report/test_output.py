@@ -76,9 +76,7 @@ def record(
     """Files of three experiments on simulated hardware."""
     key = f"{model.read_text()} {hidden} {seconds}"
     if key not in RECORDED:
-        RECORDED[key] = run_hardware(
-            model, targets(seconds), rate=RATE, hidden=hidden, seed=1, substeps=2
-        )
+        RECORDED[key] = run_hardware(model, targets(seconds), rate=RATE, hidden=hidden, seed=1)
     files = []
     for recording in RECORDED[key]:
         files.append(folder / f"{prefix}{recording.name}.csv")
