@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+
+from walkerkit.gap.recordings.polynomials import local_polynomials
 
 FloatArray = NDArray[np.float64]
 
@@ -45,9 +46,9 @@ class Smoothed:
         if len(self._grid) <= samples:
             samples, order = 1, 0
         self.step = float(self._grid[1] - self._grid[0])
-        self.values: FloatArray = savgol_filter(resampled, samples, order)
+        self.values = local_polynomials(resampled, samples, order)
         self.slopes: FloatArray = (
-            savgol_filter(resampled, samples, order, deriv=1, delta=step)
+            local_polynomials(resampled, samples, order, derivative=1, step=step)
             if order
             else np.gradient(resampled, step, axis=1)
         )
