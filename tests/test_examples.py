@@ -82,8 +82,7 @@ class TestRealLogs:
         # To the other end and back.
         cut("emps", 6.2, "identification", "pulses")
         example = _example(repository, "emps", monkeypatch)
-        few = ("viscous_friction", "coulomb_friction", "torque_bias")
-        result = example.main(tmp_path / "out", few)
+        result = example.main(tmp_path / "out", ("viscous_friction", "coulomb_friction"))
         named = {effect.effect: effect for effect in result.diagnosis.effects}
         assert {"viscous_friction", "coulomb_friction"} <= set(named)
         before, after = example.relative_effort_error(result)
