@@ -82,7 +82,8 @@ class TestRealLogs:
         # To the other end and back.
         cut("emps", 6.2, "identification", "pulses")
         example = _example(repository, "emps", monkeypatch)
-        result = example.main(tmp_path / "out", ("viscous_friction", "coulomb_friction"))
+        few = ("viscous_friction", "coulomb_friction", "torque_bias")
+        result = example.main(tmp_path / "out", few)
         named = {effect.effect: effect for effect in result.diagnosis.effects}
         assert {"viscous_friction", "coulomb_friction"} <= set(named)
         before, after = example.relative_effort_error(result)
