@@ -147,6 +147,8 @@ def make(name: str, folder: Path, *, seconds: float, seed: int = 0) -> Rig:
     """
     rng = np.random.default_rng(seed)
     spec = mujoco.MjSpec.from_file(str(write_rig(name, folder, file=f"{name}_rig.xml")))
+    for sensor in list(spec.sensors):  # the measured ones have to be the first
+        spec.delete(sensor)
     model = spec.compile()
     joints = tuple(model.joint(int(model.actuator_trnid[k, 0])).name for k in range(model.nu))
     true = np.empty((len(_OURS), len(joints)))
@@ -229,7 +231,6 @@ def by_sysid(rig: Rig, bounds: FloatArray, optimizer: Optimizer) -> Found:
     model = spec.compile()
     step = model.opt.timestep
     mapping = sysid.TimeSeries.compute_all_sensor_mapping(model)
-    own = [mapping_name for mapping_name in mapping if mapping_name in rig.joints]
     starts, controls, measured = [], [], []
     for log in rig.logs[:-1]:
         sent, seen = _columns(rig, log, "position_target"), _columns(rig, log, "position")
@@ -242,12 +243,9 @@ def by_sysid(rig: Rig, bounds: FloatArray, optimizer: Optimizer) -> Found:
         held = np.repeat(sent, every, axis=0)[: len(grid)]
         controls.append(sysid.TimeSeries((1 - 1e-12) * grid, held))
         # Its rollout reads sensors as a step begins, and stamps them as it ends.
-        kind = sysid.SignalType.MjSensor
-        columns = {name: (kind, np.array([rig.joints.index(name)])) for name in own}
-        measured.append(sysid.TimeSeries(log.time[:-1] + step, seen[:-1], columns))
-    sequences = sysid.ModelSequences(
-        rig.path.stem, spec, list(LOGS[:-1]), starts, controls, measured, allow_missing_sensors=True
-    )
+        measured.append(sysid.TimeSeries(log.time[:-1] + step, seen[:-1], mapping))
+    names = [log.name for log in rig.logs[:-1]]
+    sequences = sysid.ModelSequences(rig.path.stem, spec, names, starts, controls, measured)
     found, _ = sysid.optimize(
         parameters,
         sysid.build_residual_fn(models_sequences=[sequences]),
