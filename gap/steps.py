@@ -227,12 +227,11 @@ def _together(
     starts = [
         np.concatenate([one.values for one in alone]),
         np.clip([slot.parameter.starts[0] for slot in structure.slots], *structure.bounds),
-        structure.zero,
     ]
     for half in {id(half): half for half in (problem.screen, problem.race)}.values():
         given = evaluate(half.objective, [(structure, values) for values in starts])
-        found = improve(half.objective, given, iterations=_ITERATIONS, progress=progress)
-        starts = [min(found, key=lambda one: one.score).values]
+        best = min(given, key=lambda one: one.score)
+        starts = [one.values for one in improve(half.objective, [best], progress=progress)]
     return structure, starts[0]
 
 
@@ -263,11 +262,12 @@ def _settled(problem: Problem, found: Fit, progress: Progress | None) -> Fit:
     objective = problem.fit.objective
     for _ in range(_PASSES):
         before = found.values
-        _refine(problem, found)
+        problem.fit.refine(found)
         (start,) = evaluate(objective, [(found.structure, before)])
         (found,) = improve(objective, [start], iterations=_ITERATIONS, progress=progress)
         if not (np.abs(found.values - before) > _SETTLED * found.structure.scale).any():
             break
+    problem.held.refine(found)
     return found
 
 
