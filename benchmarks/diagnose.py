@@ -15,6 +15,7 @@ linear, one below it is less, where the search takes a share of long logs.
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -218,7 +219,7 @@ def exponent(sizes: Any, seconds: Any) -> float:
 
 
 def plot(curves: dict[str, list[tuple[float, float]]], out: Path) -> None:
-    """Writes diagnose_cost.html, and .svg where plotly can."""
+    """Writes diagnose_cost.html, and .svg where kaleido is installed."""
     figure = make_subplots(cols=len(curves), shared_yaxes=True)
     for column, (of, points) in enumerate(curves.items(), start=1):
         sizes, seconds = np.array(points).T
@@ -235,7 +236,7 @@ def plot(curves: dict[str, list[tuple[float, float]]], out: Path) -> None:
     figure.update_yaxes(title="seconds of diagnosis", type="log", col=1)
     out.mkdir(parents=True, exist_ok=True)
     figure.write_html(out / "diagnose_cost.html", include_plotlyjs=True)
-    try:
+    if importlib.util.find_spec("kaleido") is None:
+        print("  no diagnose_cost.svg beside diagnose_cost.html: kaleido is not installed")
+    else:
         figure.write_image(out / "diagnose_cost.svg")
-    except ValueError as missing:  # kaleido is not installed
-        print(f"  no picture beside diagnose_cost.html: {str(missing).strip().splitlines()[0]}")
