@@ -110,7 +110,7 @@ def test_blocks_of_an_hour_are_short_and_cover_it():
 
 
 def test_blocks_of_a_slow_log_are_no_shorter_for_its_length():
-    slow = recording("slow", np.arange(0, 3600, 4.0))
+    slow = recording("slow", np.arange(0, 3600, 0.9))
     whole = Experiment(model="leg.xml", recordings=(slow,), held_out=frozenset())
     fitted, held = split_in_time([whole])
     assert (len(fitted[0]), len(held[0])) == (4, 2)
