@@ -109,8 +109,9 @@ def test_blocks_of_an_hour_are_short_and_cover_it():
     assert sum(len(block.time) for block in blocks) == len(long.time)
 
 
-def test_blocks_of_a_slow_log_are_no_shorter_for_its_length():
-    slow = recording("slow", np.arange(0, 3600, 0.9))
-    whole = Experiment(model="leg.xml", recordings=(slow,), held_out=frozenset())
+def test_a_long_gap_in_a_log_makes_no_more_blocks():
+    time = np.arange(0, 3, 0.01)
+    parted = recording("parted", np.concatenate([time, 30_000 + time]))
+    whole = Experiment(model="leg.xml", recordings=(parted,), held_out=frozenset())
     fitted, held = split_in_time([whole])
     assert (len(fitted[0]), len(held[0])) == (4, 2)
