@@ -244,10 +244,11 @@ class Actuator(abc.ABC):
         expected = (*self.simulation.batch_shape, len(self.joint_names))
         if not isinstance(cmd, ActuatorCmd):
             raise TypeError(f"compute takes an ActuatorCmd, got {cmd!r} of type {type(cmd)}")
+        needs, takes = self.needs, self.takes
         for name in TARGETS:
             target = getattr(cmd, name)
             if target is None:
-                if name in self.needs:
+                if name in needs:
                     raise ValueError(
                         f"the actuator of {_few(self.joint_names)} needs a {name}: give it in the "
                         "ActuatorCmd"
@@ -257,7 +258,7 @@ class Actuator(abc.ABC):
                     f"{name} has shape {target.shape}, the actuator of {_few(self.joint_names)} "
                     f"takes {expected}"
                 )
-            elif name not in self.takes and target.any():
+            elif name not in takes and target.any():
                 raise ValueError(
                     f"the actuator of {_few(self.joint_names)} cannot follow a {name}, it takes "
                     f"{sorted(self.takes)}: leave it None or zero, or use an actuator that can"

@@ -71,7 +71,8 @@ class ActuatorCmd:
         for name in TARGETS:
             value = getattr(self, name)
             if value is not None:
-                value = value[..., joints]
+                # A vector is indexed by them alone, which takes a fraction of the time.
+                value = value[joints] if value.ndim == 1 else value[..., joints]
                 value.flags.writeable = False
             object.__setattr__(part, name, value)
         return part

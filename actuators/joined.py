@@ -23,7 +23,7 @@ from walkerkit.actuators.delayed import WORDS, DelayedActuator
 from walkerkit.actuators.explicit import ExplicitActuator
 from walkerkit.actuators.laws.lag import DelayLine
 from walkerkit.actuators.laws.law import Law
-from walkerkit.actuators.simulation import last_axis, viewed
+from walkerkit.actuators.simulation import viewed
 
 FloatArray = NDArray[np.float64]
 
@@ -92,9 +92,10 @@ class Joined:
         model, joints = simulation.model, joints[order]
         self._q, self._q_at = viewed(simulation.state("qpos"), model.jnt_qposadr[joints])
         self._qd, self._qd_at = viewed(simulation.state("qvel"), model.jnt_dofadr[joints])
-        self._ctrl = simulation.state("ctrl")
         controls = np.concatenate([base.ctrl_ids for base in self._bases])[order]
-        self._ctrl_at = last_axis(self._ctrl, controls)
+        self._ctrl, self._ctrl_at = viewed(simulation.state("ctrl"), controls)
+        if self._ctrl_at is None:
+            self._ctrl_at = ...
         self._rows = tuple(np.zeros((3, *self._shape)))
         self._given: Targets = None, None, None
         self._late: list[_Late] = []

@@ -4,9 +4,10 @@
     python -m benchmarks --quick         # a small part of each
     python -m benchmarks demo_seeds      # by name
 
-A benchmark is a module of this package with `run(*, quick: bool) -> list[Row]`. It prints a line
-for each thing it tries as it goes; its rows go into the table at the end. What a benchmark needs
-more modules for has a package of its own.
+A benchmark is a module of this package with `run(*, quick: bool) -> list[Row]`; one that draws
+takes `out: Path | None`, too, the folder for its figures. It prints a line for each thing it tries
+as it goes; its rows go into the table at the end. What a benchmark needs more modules for has a
+package of its own.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def run(*, quick: bool) -> list[Row]:
     processor, wall = times[..., 0], times[..., 1]
     ours, reference, _ = processor.min(axis=0)
     ratio = np.median(processor[:, 0] / processor[:, 1])
-    print(f"  import: {ours / reference:.2f}x, --help: {wall[:, 2].min():.2f} s")
+    print(f"  import: {ours / reference:.2f}x, --help: {np.median(wall[:, 2]):.2f} s")
     return [
         Row(
             what="import walkerkit.actuators",
@@ -39,7 +39,7 @@ def run(*, quick: bool) -> list[Row]:
         ),
         Row(
             what="walkerkit --help",
-            result=f"{wall[:, 2].min():.2f} s (median {np.median(wall[:, 2]):.2f} s)",
+            result=f"{np.median(wall[:, 2]):.2f} s (least {wall[:, 2].min():.2f} s)",
             reference=f"{processor[:, 2].min():.2f} s of processor",
             required="<= 0.5 s",
         ),

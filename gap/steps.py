@@ -33,7 +33,7 @@ from walkerkit.gap.search.fit import Fit, Progress, covariance, evaluate
 from walkerkit.gap.search.fit import fit as improve
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.screen import screen
-from walkerkit.gap.search.structure import Term, candidate_terms
+from walkerkit.gap.search.structure import Structure, Term, candidate_terms
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
@@ -172,8 +172,13 @@ def fit(
         InputError: an effect is not in the catalogue, or cannot act where it is to act.
     """
     objective = problem.fit.objective
-    (found,) = evaluate(objective, [(problem.nothing, np.zeros(0))])
     left = [_term(problem, name, sites) for name, sites in effects.items()]
+    start = problem.nothing, np.zeros(0)
+    ordinary = [term for term in left if term.effect.ordinary]
+    if len(ordinary) > 1:
+        start = _together(problem, ordinary, progress)
+        left = [term for term in left if not term.effect.ordinary]
+    (found,) = evaluate(objective, [start])
     while left:
         if progress:
             progress("screening", 1 - len(left) / len(effects))
@@ -209,6 +214,27 @@ def fit(
     )
 
 
+def _together(
+    problem: Problem, terms: Sequence[Term], progress: Progress | None
+) -> tuple[Structure, FloatArray]:
+    """Values of effects that would take each other's place if they came one by one.
+
+    Found on the small parts of the recordings first, on which a step costs least.
+    """
+    structure = Structure(tuple(terms), problem.robots)
+    (nothing,) = evaluate(problem.screen.objective, [(problem.nothing, np.zeros(0))])
+    alone = screen(problem.screen.objective, nothing, terms)
+    starts = [
+        np.concatenate([one.values for one in alone]),
+        np.clip([slot.parameter.starts[0] for slot in structure.slots], *structure.bounds),
+    ]
+    for half in {id(half): half for half in (problem.screen, problem.race)}.values():
+        given = evaluate(half.objective, [(structure, values) for values in starts])
+        best = min(given, key=lambda one: one.score)
+        starts = [one.values for one in improve(half.objective, [best], progress=progress)]
+    return structure, starts[0]
+
+
 def _term(problem: Problem, name: str, sites: Sequence[str] | str) -> Term:
     if name not in CATALOGUE:
         raise InputError(
@@ -236,11 +262,12 @@ def _settled(problem: Problem, found: Fit, progress: Progress | None) -> Fit:
     objective = problem.fit.objective
     for _ in range(_PASSES):
         before = found.values
-        _refine(problem, found)
+        problem.fit.refine(found)
         (start,) = evaluate(objective, [(found.structure, before)])
         (found,) = improve(objective, [start], iterations=_ITERATIONS, progress=progress)
         if not (np.abs(found.values - before) > _SETTLED * found.structure.scale).any():
             break
+    problem.held.refine(found)
     return found
 
 

@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.laws.pd import PdBase, clipped
+from walkerkit.actuators.laws.pd import LimitedPdBase, clipped
 
 FloatArray = NDArray[np.float64]
 
 
-class RemotizedPdLaw(PdBase):
+class RemotizedPdLaw(LimitedPdBase):
     """PD control with a limit that depends on the angle.
 
     Args:

@@ -14,7 +14,9 @@ Recordings = tuple[tuple[Recording, ...], ...]
 
 _EVERY = 3  # every third recording, or block of time, is held out
 _BLOCKS = 6
-_SHORTEST_BLOCK = 0.5  # s
+_SHORTEST_BLOCK, _LONGEST_BLOCK = 0.5, 120.0  # s; a rollout of an hour would not fit into memory
+
+_FEWEST_ROWS = 1000  # of such a block
 
 
 def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
@@ -62,6 +64,8 @@ def split_in_time(experiments: Sequence[Experiment]) -> tuple[Recordings, Record
 def _blocks(recording: Recording) -> list[tuple[Recording, bool]]:
     """Blocks of a recording, and whether each is held out."""
     count = int(min(_BLOCKS, max(_EVERY, recording.duration // _SHORTEST_BLOCK)))
+    long = int(np.ceil(recording.duration / _LONGEST_BLOCK))
+    count = max(count, min(long, len(recording.time) // _FEWEST_ROWS))
     # Of as many samples each, so that a gap in the log leaves no block empty.
     first = np.linspace(0, len(recording.time), count, endpoint=False).astype(int)
     edges = np.append(recording.time[first], np.nextafter(recording.time[-1], np.inf))

@@ -6,7 +6,9 @@ lag, unlike the velocity that drives report; it is used even where a velocity wa
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +25,29 @@ class MeasuredState:
     Args:
         recording: the log.
         joints: names of joints with a measured position.
+
+    Attributes:
+        recording: the log.
     """
 
+    @classmethod
+    def shared(cls, recording: Recording, joints: Sequence[str]) -> MeasuredState:
+        """The same object for all who ask for it while one of them has it: it is as long as a log.
+
+        Args:
+            recording: the log.
+            joints: names of joints with a measured position.
+        """
+        key = id(recording), tuple(joints)
+        with _LOCK:
+            found = _SHARED.get(key)
+            # What is in use keeps its recording, so that no other has its id.
+            if found is None:
+                found = _SHARED[key] = cls(recording, joints)
+        return found
+
     def __init__(self, recording: Recording, joints: Sequence[str]):
+        self.recording = recording
         columns = [recording.columns[f"{joint}/position"] for joint in joints]
         self._smoothed = Smoothed(recording.time, np.stack(columns))
 
@@ -49,3 +71,7 @@ class MeasuredState:
     def step(self) -> float:
         """Spacing of that grid [s]."""
         return self._smoothed.step
+
+
+_LOCK = threading.Lock()
+_SHARED: WeakValueDictionary[tuple[int, tuple[str, ...]], MeasuredState] = WeakValueDictionary()

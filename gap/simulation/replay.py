@@ -42,6 +42,7 @@ _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
 _CONTROLLED = 1.0  # s of them that controllers which remember targets see besides
 _WARM = 0.15  # s of the measured past that laws see
 _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
+_MOST_STEPS = 1_000_000  # of the segments of a batch together; what is longer has one of its own
 _CHUNK_BYTES = 2**28
 _WORTH_THREADS = 64  # simulations, stepped one by one
 _MOST_REBUILT = 24  # robots kept for variants that need another compilation
@@ -74,7 +75,8 @@ class _Group:
         # Windows share their recordings.
         recordings = {id(segment.recording): segment.recording for segment in segments}
         self.states = {
-            key: MeasuredState(recording, self.joints) for key, recording in recordings.items()
+            key: MeasuredState.shared(recording, self.joints)
+            for key, recording in recordings.items()
         }
         self.base = (
             None if robot.base is None else FloatingBase(robot, robot.base, segments, self.states)
@@ -160,7 +162,7 @@ class Replay:
                     self.measured[span, c] = column[segment.first : segment.last]
         self._groups = [
             _Group(robot, [segments[i] for i in members], [rows[i] for i in members], hold)
-            for members in _similar_lengths(segments)
+            for members in _similar_lengths(segments, _MOST_STEPS * robot.model.opt.timestep)
         ]
 
     @property
@@ -435,8 +437,8 @@ def _at_encoder(
     return motor + share * series[..., getattr(joint.play, address)]
 
 
-def _similar_lengths(segments: Sequence[Segment]) -> list[list[int]]:
-    """Indices of segments that may share a batch, longest first."""
+def _similar_lengths(segments: Sequence[Segment], most: float) -> list[list[int]]:
+    """Indices of segments that may share a batch of `most` seconds in all, longest first."""
     groups: list[list[int]] = []
     for i in sorted(range(len(segments)), key=lambda i: -segments[i].duration):
         head = segments[groups[-1][0]] if groups else None
@@ -444,6 +446,7 @@ def _similar_lengths(segments: Sequence[Segment]) -> list[list[int]]:
             head is not None
             and segments[i].duration >= _LENGTH_RATIO * head.duration
             and segments[i].recording.joints == head.recording.joints
+            and (1 + len(groups[-1])) * head.duration <= most
         ):
             groups[-1].append(i)
         else:

@@ -97,3 +97,21 @@ def test_blocks_are_neither_too_short_nor_empty(time, blocks):
 def test_splitting_twice_is_the_same():
     first, second = (split([experiment("a")]) for _ in range(2))
     assert tuple(map(names, first)) == tuple(map(names, second))
+
+
+def test_blocks_of_an_hour_are_short_and_cover_it():
+    long = recording("long", np.arange(0, 3600, 0.1))
+    whole = Experiment(model="leg.xml", recordings=(long,), held_out=frozenset())
+    fitted, held = split_in_time([whole])
+    blocks = [*fitted[0], *held[0]]
+    assert max(block.duration for block in blocks) <= 120
+    assert len(held[0]) == 10
+    assert sum(len(block.time) for block in blocks) == len(long.time)
+
+
+def test_a_long_gap_in_a_log_makes_no_more_blocks():
+    time = np.arange(0, 3, 0.01)
+    parted = recording("parted", np.concatenate([time, 30_000 + time]))
+    whole = Experiment(model="leg.xml", recordings=(parted,), held_out=frozenset())
+    fitted, held = split_in_time([whole])
+    assert (len(fitted[0]), len(held[0])) == (4, 2)

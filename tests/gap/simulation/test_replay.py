@@ -1,5 +1,7 @@
 """Replay, with commands, segments and the measured state: against loops over `mj_step` by hand."""
 
+import weakref
+
 import mujoco
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import cut, whole, windows
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import between_samples, driven_by_effort, routes
-from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.replay import Channel, Replay, _similar_lengths
 from walkerkit.gap.simulation.robot import Measurement, robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
@@ -691,3 +693,23 @@ class TestMeasuredState:
         end = 2 * time[-1]
         np.testing.assert_allclose(qpos[:, 0], [0, 0, end, end], atol=1e-12)
         np.testing.assert_allclose(qvel, 2.0, rtol=1e-9)
+
+    def test_is_worked_out_once_while_somebody_has_it(self):
+        recording = log(np.arange(0, 1, 0.01))
+        state = MeasuredState.shared(recording, ["hip"])
+        assert MeasuredState.shared(recording, ["hip"]) is state
+        assert MeasuredState.shared(log(recording.time), ["hip"]) is not state
+        kept = weakref.ref(state)
+        del state
+        assert kept() is None
+
+
+def test_long_segments_do_not_share_a_batch_beyond_its_size():
+    recording = log(np.arange(0, 10, 0.01))
+    parts = windows(recording, 1.0)
+    assert len(parts) == 9
+    assert [len(group) for group in _similar_lengths(parts, 100.0)] == [9]
+    groups = _similar_lengths(parts, 4.0)
+    assert [len(group) for group in groups] == [4, 4, 1]
+    assert sorted(i for group in groups for i in group) == list(range(9))
+    assert [len(group) for group in _similar_lengths(parts, 0.1)] == [1] * 9
