@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from walkerkit.gap.recordings.recording import QUATERNION, Recording
 from walkerkit.gap.recordings.smooth import Smoothed
@@ -149,8 +150,6 @@ class BaseState:
         """The logged velocity, where there is one that the poses bear out."""
         if any(name not in recording.columns for name in names):
             return None
-        from scipy.ndimage import uniform_filter1d  # few logs have a base, and it loads slowly
-
         logged = Smoothed(recording.time, np.stack([recording.columns[name] for name in names]))
         place = slice(0, 3) if names == LINEAR else slice(3, 6)
         own = self._own(recording.time)[:, place]

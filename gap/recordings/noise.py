@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from walkerkit.gap.recordings.polynomials import local_polynomials, own_share
+from scipy.signal import savgol_coeffs, savgol_filter
 
 FloatArray = NDArray[np.float64]
 
@@ -68,8 +67,8 @@ def _typical(signals: Sequence[FloatArray], order: int) -> float:
 
 def _residual(signal: FloatArray, order: int) -> FloatArray:
     """What the local polynomials leave, scaled to the noise's variance where that is white."""
-    kept = 1 - own_share(_SAMPLES, order)
-    left: FloatArray = (signal - local_polynomials(signal, _SAMPLES, order)) / np.sqrt(kept)
+    kept = 1 - savgol_coeffs(_SAMPLES, order)[_SAMPLES // 2]
+    left: FloatArray = (signal - savgol_filter(signal, _SAMPLES, order)) / np.sqrt(kept)
     return left
 
 

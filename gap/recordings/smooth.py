@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-from walkerkit.gap.recordings.polynomials import local_polynomials
+from scipy.signal import savgol_filter
 
 FloatArray = NDArray[np.float64]
 
@@ -46,9 +45,9 @@ class Smoothed:
         if len(self._grid) <= samples:
             samples, order = 1, 0
         self.step = float(self._grid[1] - self._grid[0])
-        self.values = local_polynomials(resampled, samples, order)
+        self.values: FloatArray = savgol_filter(resampled, samples, order)
         self.slopes: FloatArray = (
-            local_polynomials(resampled, samples, order, derivative=1, step=step)
+            savgol_filter(resampled, samples, order, deriv=1, delta=step)
             if order
             else np.gradient(resampled, step, axis=1)
         )

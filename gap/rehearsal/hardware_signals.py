@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
@@ -86,10 +87,6 @@ def filtered(signal: Array, time_constant: Array) -> Array:
         The filter's state at each step, shape as given.
     """
     out = signal.copy()
-    if not (time_constant > _LEAST).any():
-        return out
-    from scipy.signal import lfilter  # it loads slowly
-
     for j, steps in enumerate(time_constant):
         if steps > _LEAST:
             stay = np.exp(-1.0 / steps)

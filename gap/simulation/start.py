@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 FloatArray = NDArray[np.float64]
 
@@ -106,7 +107,5 @@ def _filtered(model: mujoco.MjModel, actuator: int, past: FloatArray) -> FloatAr
     if model.actuator_ctrllimited[control]:
         commands = np.clip(commands, *model.actuator_ctrlrange[control])
     settled = (1 - part) * commands[..., :1]
-    from scipy.signal import lfilter  # few actuators filter, and it loads slowly
-
     activation, _ = lfilter([part], [1, part - 1], commands, zi=settled)
     return np.asarray(activation[..., -1], dtype=np.float64)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.smooth import Smoothed
@@ -247,22 +248,6 @@ def _prominent(motion: _Motion, inertia: float) -> tuple[Wave, ...]:
     return tuple(found)
 
 
-def fast_length(least: int) -> int:
-    """The smallest number from `least` on with no prime factors but 2, 3 and 5.
-
-    A Fourier transform of that length is fast. `scipy.fft` loads slowly for so little.
-    """
-    best = 1 << (least - 1).bit_length()
-    five = 1
-    while five < best:
-        odd = five
-        while odd < best:
-            best = min(best, odd << (-(-least // odd) - 1).bit_length())
-            odd *= 3
-        five *= 5
-    return best
-
-
 class _Spectrum:
     """A series regressed on factor · sin(N x), factor · cos(N x) and terms beside them, for all N.
 
@@ -280,7 +265,7 @@ class _Spectrum:
         reach = float(x.max())
         width = _BIN / highest
         self._bins = (x / width).astype(np.intp)
-        self._length = fast_length(int(_FINENESS * (reach / width + 1)))
+        self._length = next_fast_len(int(_FINENESS * (reach / width + 1)), real=True)
         step = 2 * np.pi / (self._length * width)
         self.periods = step * np.arange(1, int(highest / step) + 1)
         self._centre = 0.5 * width

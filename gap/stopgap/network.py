@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from walkerkit.actuators.networks.mlp import Mlp
 from walkerkit.actuators.networks.trained import TrainedMlp
@@ -38,8 +39,6 @@ def fit_network(rows: TrainingRows, history_length: int) -> TrainedMlp:
         rows: scaled rows.
         history_length: samples of each signal in a row.
     """
-    from scipy.optimize import minimize  # few diagnoses need it, and it loads slowly
-
     rng = np.random.default_rng(_SEED)
     features, targets = rows.training
     some = np.sort(rng.permutation(len(features))[:_MOST_ROWS])

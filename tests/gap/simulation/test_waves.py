@@ -6,11 +6,10 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from scipy.fft import next_fast_len
 
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.simulation.robot import robot_from_spec
-from walkerkit.gap.simulation.waves import fast_length, nominal_effort, waves
+from walkerkit.gap.simulation.waves import nominal_effort, waves
 
 STEP = 0.002
 ARM = """
@@ -185,8 +184,3 @@ def test_feed_forward_effort_is_part_of_the_nominal_effort():
     columns = {"j/position": q, "k/position": q, "k/position_target": q}
     without = Recording(name="log", time=time, columns=columns)
     assert nominal_effort(arm(), without, "j", q, 0 * q) is None
-
-
-def test_lengths_are_those_of_fast_transforms():
-    for least in (*range(1, 500), 12_345, 123_457):
-        assert fast_length(least) == next_fast_len(least, real=True)
