@@ -27,7 +27,7 @@ _CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
 INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
 _ALIGNED = 0.2  # how much of the model's error looks like a change of one of its numbers
 _UNCORRECTED = 0.25  # of what half the timestep changes
-_RIGHT = 0.3  # of what a step changes may be otherwise than the slopes said
+_RIGHT = 0.1  # of what a step changes may be otherwise than the slopes said
 _KEPT = 2**28  # bytes of slopes that are carried along
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
@@ -120,7 +120,12 @@ def _fit(
         if progress:
             progress(stage, min(taken[i] for i in active) / iterations)
         cases = _next_steps(objective, best, active, slopes)
-        trusted = {i for i in active if i not in slopes or slopes[i].right}
+        # They may be right along the last step and nowhere else, so that only a race trusts that.
+        trusted = {
+            i
+            for i in active
+            if i not in slopes or slopes[i].fresh or (race is not None and slopes[i].right)
+        }
         gains: dict[int, float] = {}
         for i, case, residual in zip(active, cases, _residuals(objective, cases), strict=True):
             mean_square = objective.mean_square(residual)
@@ -166,13 +171,15 @@ class _Slopes:
         residual: (rows, n_scored).
         jacobian: (n_parameters, rows, n_scored) per scale.
         simulated: how many simulations that took; few are not worth carrying along.
-        right: they are of this very fit, or said what the last step would change.
+        fresh: they are of this very fit.
+        right: they said what the last step would change.
     """
 
     residual: FloatArray
     jacobian: FloatArray
     simulated: int
-    right: bool = True
+    fresh: bool = True
+    right: bool = False
 
     def follow(self, step: FloatArray, residual: FloatArray, weights: FloatArray) -> None:
         """Moves on by a step, (n_parameters,) in scales, to where the residual is another."""
@@ -183,7 +190,7 @@ class _Slopes:
             self.jacobian[k] += along[k] * missed
         self.residual = residual.copy()
         size, wrong = (float(np.sum(weights * one**2)) for one in (changed, missed))
-        self.right = wrong < _RIGHT**2 * size
+        self.fresh, self.right = False, wrong < _RIGHT**2 * size
 
 
 def _near(objective: Objective, near: Fit, starts: Sequence[Fit]) -> Iterator[_Slopes]:
@@ -200,7 +207,7 @@ def _near(objective: Objective, near: Fit, starts: Sequence[Fit]) -> Iterator[_S
             slopes.jacobian,
             known.jacobian[place] * scale[:, None, None],
         )
-        slopes.right = False
+        slopes.fresh = False
         slopes.simulated = len(place)
         yield slopes
 
