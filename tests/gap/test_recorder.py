@@ -103,7 +103,7 @@ def test_columns_are_those_of_a_recording(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("excitation", ["chirp", "multisine", "slow_triangle"])
 def test_an_excitation_leaves_no_gap_to_the_model_that_made_it(excitation: str) -> None:
-    log = leg(excitation, 0, seconds=1.5, control_timestep=0.002)
+    log = leg(excitation, 0, seconds=3.0, control_timestep=0.002)
     diagnosis = gap.compare(str(LEG_XML), [log])
     assert diagnosis.verdict == "no_gap"
     assert diagnosis.gap.position.before < 2e-5
