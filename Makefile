@@ -2,9 +2,6 @@
 PYTHON ?= python3
 BIN := .venv/bin
 FOLDERS := actuators walkers tasks gap
-# A file of tests is run by one worker, so that the longest ones must not come last.
-LONGEST := $(addprefix tests/,gap/test_workflow.py walkers/test_dm_control_contracts.py \
-	test_examples.py test_docs.py gap/report/test_output.py)
 # A strict editable install links file by file, so a new file means a new install.
 FILES := $(shell (find $(FOLDERS) -type f -not -name '*.pyc' | sort; cat setup.py pyproject.toml constraints.txt) | cksum | cut -d' ' -f1)
 INSTALLED := .venv/installed-$(FILES)
@@ -18,7 +15,7 @@ demo: $(INSTALLED)
 	$(BIN)/walkerkit demo $(ARGS)
 
 test: lint
-	$(BIN)/pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder $(LONGEST) tests $(ARGS)
+	$(BIN)/pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

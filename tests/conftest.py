@@ -24,6 +24,24 @@ if str(ROOT) not in sys.path:
     sys.path.append(str(ROOT))
 
 
+# A file of tests is run by one worker, so that the longest ones must not come last.
+LONGEST = (
+    "gap/test_workflow.py",
+    "test_examples.py",
+    "gap/report/test_output.py",
+    "test_readme.py",
+    "walkers/test_dm_control_contracts.py",
+    "gap/fleet/test_fleet.py",
+    "test_docs.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Puts the longest files first."""
+    longest = [ROOT / "tests" / name for name in LONGEST]
+    items.sort(key=lambda item: item.path not in longest)
+
+
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """The checkout."""
