@@ -228,7 +228,7 @@ def _together(
         np.concatenate([one.values for one in alone]),
         np.clip([slot.parameter.starts[0] for slot in structure.slots], *structure.bounds),
     ]
-    for half in {id(half): half for half in (problem.screen, problem.race)}.values():
+    for half in problem.parts:
         given = evaluate(half.objective, [(structure, values) for values in starts])
         best = min(given, key=lambda one: one.score)
         starts = [one.values for one in improve(half.objective, [best], progress=progress)]

@@ -11,10 +11,9 @@ which is as if v were held within ±V (1 + F/S). Faster than V it can only brake
 from __future__ import annotations
 
 import numpy as np
-from numpy import add, maximum, minimum, multiply, subtract  # looked up before every physics step
+from numpy import maximum, minimum, multiply, subtract  # looked up before every physics step
 from numpy.typing import NDArray
 
-from walkerkit.actuators.laws.law import Target
 from walkerkit.actuators.laws.pd import PdBase
 
 FloatArray = NDArray[np.float64]
@@ -78,47 +77,16 @@ class DcMotorClip:
 
 
 class DcMotorLaw(PdBase):
-    """PD control through a DC motor; parameters those of both.
-
-    As `pd_effort` and `dc_motor_clip` one after the other, to the last bit, but written in one:
-    calls count before every physics step.
-    """
+    """PD control through a DC motor; parameters those of both."""
 
     joinable = True
 
-    def _allocate(self, shape: tuple[int, ...]) -> None:
-        self._spring, self._lost, self._bound = np.empty((3, *shape))
-
     def _refresh(self) -> None:
+        super()._refresh()
         p = self._parameters
-        self._against = -p["damping"]
-        self._line = p["saturation_effort"] / p["velocity_limit"]
-        self._reverse, self._least = -p["saturation_effort"], -p["effort_limit"]
-        self._numbers = p["stiffness"], p["saturation_effort"], p["effort_limit"]
+        self._clip = DcMotorClip(
+            p["saturation_effort"], p["velocity_limit"], p["effort_limit"], self._shape
+        )
 
-    def effort(
-        self, position: Target, velocity: Target, effort: Target, q: FloatArray, qd: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """As in `Law`."""
-        stiffness, stall, most = self._numbers
-        lost, bound = self._lost, self._bound
-        if velocity is None:
-            asked: FloatArray = multiply(self._against, qd)
-        else:
-            asked = subtract(velocity, qd)
-            asked *= self._parameters["damping"]
-        if position is not None:
-            spring = self._spring
-            subtract(position, q, spring)
-            multiply(spring, stiffness, spring)
-            add(asked, spring, asked)
-        if effort is not None:
-            asked += effort
-        multiply(qd, self._line, lost)
-        subtract(stall, lost, bound)
-        left: FloatArray = minimum(asked, bound)
-        subtract(self._reverse, lost, bound)
-        maximum(left, bound, out=left)
-        minimum(left, most, out=left)
-        maximum(left, self._least, out=left)
-        return asked, left
+    def _limited(self, effort: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
+        return self._clip(effort, qd)

@@ -62,16 +62,12 @@ def clipped(effort: FloatArray, limit: FloatArray) -> FloatArray:
 
 
 class PdBase(Law):
-    """PD control, however limited. Has parameters stiffness and damping at least."""
+    """PD control; subclasses say what limits it. Has parameters stiffness and damping at least."""
 
     def __init__(self, parameters: Mapping[str, FloatArray]):
         super().__init__(parameters)
         if self._parameters["stiffness"].any():
             self.needs = frozenset({"position_target"})
-
-
-class LimitedPdBase(PdBase):
-    """PD control, of which subclasses say what limits leave."""
 
     def _allocate(self, shape: tuple[int, ...]) -> None:
         self._scratch = np.empty(shape)
@@ -94,7 +90,7 @@ class LimitedPdBase(PdBase):
         """What the limits leave of the effort, a new array."""
 
 
-class PdLaw(LimitedPdBase):
+class PdLaw(PdBase):
     """PD control within a constant limit; parameters stiffness, damping, effort_limit."""
 
     joinable = True

@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.laws.pd import LimitedPdBase, clipped
+from walkerkit.actuators.laws.pd import PdBase, clipped
 
 FloatArray = NDArray[np.float64]
 
 
-class RemotizedPdLaw(LimitedPdBase):
+class RemotizedPdLaw(PdBase):
     """PD control with a limit that depends on the angle.
 
     Args:

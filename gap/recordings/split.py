@@ -15,8 +15,7 @@ Recordings = tuple[tuple[Recording, ...], ...]
 _EVERY = 3  # every third recording, or block of time, is held out
 _BLOCKS = 6
 _SHORTEST_BLOCK, _LONGEST_BLOCK = 0.5, 120.0  # s; a rollout of an hour would not fit into memory
-
-_FEWEST_ROWS = 1000  # of such a block
+_FEWEST_ROWS = 1000  # of a longest one
 
 
 def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:

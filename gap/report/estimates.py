@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.report.diagnosis import Estimate
-from walkerkit.gap.search.fit import INSENSITIVE, Fit
+from walkerkit.gap.search.fit import INSENSITIVE, Fit, at_bound
 from walkerkit.gap.search.structure import Term
 
 FloatArray = NDArray[np.float64]
 
-_AT_BOUND = 1e-6  # of the width between the bounds
 _NOTHING = 1e-9  # so stiff that more makes no difference
 
 
@@ -29,12 +28,11 @@ def estimates(
         sensitivity: the same.
     """
     lower, upper = fit.structure.bounds
+    stopped = at_bound(fit)
     found = []
     for i in fit.structure.columns(term):
         slot = fit.structure.slots[i]
-        margin = _AT_BOUND * (upper[i] - lower[i])
-        at_bound = bool(min(fit.values[i] - lower[i], upper[i] - fit.values[i]) <= margin)
-        known = sensitivity[i] > INSENSITIVE and not at_bound
+        known = sensitivity[i] > INSENSITIVE and not stopped[i]
         choice = slot.parameter.choice  # is what it is, without an error
         estimate = Estimate(
             name=slot.parameter.name,
@@ -42,7 +40,7 @@ def estimates(
             value=float(fit.values[i]),
             std=0.0 if choice else float(np.sqrt(variance[i, i])) if known else None,
             unit=slot.parameter.unit,
-            at_bound=at_bound and not choice,
+            at_bound=bool(stopped[i]) and not choice,
             lower=float(lower[i]),
             upper=float(upper[i]),
         )

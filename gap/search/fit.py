@@ -27,6 +27,7 @@ _CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
 INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
 _ALIGNED = 0.2  # how much of the model's error looks like a change of one of its numbers
 _UNCORRECTED = 0.25  # of what half the timestep changes
+_AT_BOUND = 1e-6  # of the width between the bounds
 _RIGHT = 0.1  # of what a step changes may be otherwise than the slopes said
 _KEPT = 2**28  # bytes of slopes that are carried along
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
@@ -402,6 +403,14 @@ def covariance(
     return scale @ found @ scale, _sensitivity(one, normal)
 
 
+def at_bound(one: Fit) -> NDArray[np.bool_]:
+    """(n_parameters,) whether each value ran into a bound."""
+    lower, upper = one.structure.bounds
+    nearest = np.minimum(one.values - lower, upper - one.values)
+    at: NDArray[np.bool_] = nearest <= _AT_BOUND * (upper - lower)
+    return at
+
+
 def certainty(objective: Objective, one: Fit, noise: FloatArray) -> FloatArray:
     """(n_parameters,) standard errors between each value and that which leaves the robot as it is.
 
@@ -410,7 +419,6 @@ def certainty(objective: Objective, one: Fit, noise: FloatArray) -> FloatArray:
     found, sensitivity = covariance(objective, one, noise)
     std = np.sqrt(np.maximum(np.diag(found), 0.0))
     away = np.abs(one.values - one.structure.zero)
-    lower, upper = one.structure.bounds
-    known = (one.values > lower) & (one.values < upper) & (sensitivity > INSENSITIVE) & (std > 0)
+    known = ~at_bound(one) & (sensitivity > INSENSITIVE) & (std > 0)
     errors: FloatArray = np.where(known, away / np.where(known, std, 1.0), np.inf)
     return np.where(away == 0, 0.0, errors)

@@ -266,7 +266,7 @@ class _Search:
         stage = f"effect {count + 1}: {{}} {len(terms)} candidates"
         if self._progress:
             self._progress(stage.format("screening"), 0.0)
-        for half in {id(h): h for h in (problem.screen, problem.race)}.values():
+        for half in problem.parts:
             half.refine(current)
         promised, starts = finished(
             digest(repr((current.structure.key, only and sorted(only))), current.values),
@@ -376,9 +376,7 @@ class _Search:
     def _contest(self, current: Fit, term: Term) -> _Contest:
         """Compares an effect with those that could be in its place."""
         problem, objective = self._problem, self._problem.fit.objective
-        others = Structure(
-            tuple(t for t in current.structure.terms if t is not term), problem.robots
-        )
+        others = current.structure.without_term(term)
         (alone,) = refit(problem, current, [others])
         rivals = self._rivals(alone, term.effect) if term.effect.fitted else []
         self._refine(current)
@@ -536,8 +534,7 @@ class _Search:
         for term in current.structure.terms:
             if len(current.structure.terms) == 1 or not term.effect.fitted:
                 continue
-            terms = tuple(other for other in current.structure.terms if other is not term)
-            (smaller,) = refit(self._problem, current, [Structure(terms, self._problem.robots)])
+            (smaller,) = refit(self._problem, current, [current.structure.without_term(term)])
             if not self._worth_it(current, weigh(self._problem, [smaller, current]), 1):
                 current = smaller
         return current
@@ -556,8 +553,7 @@ class _Search:
             least = min(known, key=known.__getitem__, default=None)
             if least is None or known[least] >= _CERTAIN:
                 break
-            terms = tuple(term for term in current.structure.terms if term is not least)
-            (current,) = refit(problem, current, [Structure(terms, problem.robots)])
+            (current,) = refit(problem, current, [current.structure.without_term(least)])
         return current
 
     def _worth_it(self, one: Fit, evidence: Evidence, k: int, base: int = 0) -> bool:

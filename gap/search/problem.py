@@ -88,6 +88,11 @@ class Problem:
         return self.fit.objective.channels
 
     @property
+    def parts(self) -> tuple[Half, ...]:
+        """The screen and the race, or the one half that both are."""
+        return (self.screen,) if self.screen is self.race else (self.screen, self.race)
+
+    @property
     def nothing(self) -> Structure:
         """The structure that adds nothing."""
         return Structure((), self.robots)

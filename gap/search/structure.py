@@ -123,6 +123,10 @@ class Structure:
         """The structure with one more term at its end."""
         return Structure((*self.terms, term), self.robots)
 
+    def without_term(self, term: Term) -> Structure:
+        """The structure without one of its terms."""
+        return Structure(tuple(t for t in self.terms if t is not term), self.robots)
+
     def columns(self, term: Term, place: str | None = None) -> NDArray[np.int64]:
         """Indices of the values of a term, or of a term at one of its places."""
         return np.array(
