@@ -84,6 +84,8 @@ class Effect(abc.ABC):
             the first to be named.
         extends: effects of which this one is a generalisation. It explains at least as much, and
             is worth a thought only where it explains more.
+        usually: those of them that are its usual size, so that it stays a rival of theirs: a gear
+            that gains as much when it is driven as it loses when it drives is both.
     """
 
     name: ClassVar[str]
@@ -96,6 +98,7 @@ class Effect(abc.ABC):
     fitted: ClassVar[bool] = True
     ordinary: ClassVar[bool] = False
     extends: ClassVar[tuple[str, ...]] = ()
+    usually: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -410,14 +410,13 @@ class _Search:
         )
 
     def _rivals(self, alone: Fit, effect: Effect) -> list[Fit]:
-        """The best effects in place of one, on top of the others; no generalisations of it."""
+        """The best effects in place of one, on top of the others; few generalisations of it."""
         tried = self._try(alone, None, self._likes(alone.structure, effect))
         singles = [
             i
             for i in np.argsort(tried.evidence.both, kind="stable").tolist()
             if len(tried.fits[i].structure.terms) == len(alone.structure.terms) + 1
-            and tried.fits[i].structure.terms[-1].effect is not effect
-            and effect.name not in tried.fits[i].structure.terms[-1].effect.extends
+            and _is_rival(tried.fits[i].structure.terms[-1].effect, effect)
         ]
         return [tried.fits[i] for i in singles[:_MOST_RIVALS]]
 
@@ -560,6 +559,12 @@ class _Search:
         """Whether a fit, the `k`th of the evidence, is worth it over the one at `base`."""
         effects = len(one.structure.terms)
         return worth_it(self._problem, evidence, k, base, effects=effects)
+
+
+def _is_rival(other: Effect, effect: Effect) -> bool:
+    """Whether another effect could be what an effect was taken for."""
+    only_larger = effect.name in other.extends and effect.name not in other.usually
+    return other is not effect and not only_larger
 
 
 def _case(one: Fit) -> Case:

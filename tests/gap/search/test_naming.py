@@ -199,6 +199,14 @@ def test_a_payload_stays_on_the_body_that_carries_it(problem: Make) -> None:
     assert named == {"payload": {"shin": pytest.approx(0.15, rel=0.1)}}
 
 
+def test_a_gear_that_loses_by_its_load_may_lose_by_its_direction(problem: Make) -> None:
+    gear = hide("directional_efficiency", "knee", driving=0.75, backdriving=1.25)
+    rounds = search(problem(gear), "load_dependent_friction", "directional_efficiency")
+    assert set(found(rounds)) == {"load_dependent_friction"}
+    close = [one.term.effect.name for one in rounds[0].candidates if one.close]
+    assert close == ["directional_efficiency"]
+
+
 def test_an_effect_that_stood_in_for_others_leaves_again(problem: Make) -> None:
     hidden = (
         hide("coulomb_friction", "knee", frictionloss=0.3),
