@@ -14,6 +14,7 @@ from walkerkit.gap.search.naming import Candidate, Round
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Term
 
+_FEW = 2
 _AS_GOOD = 0.05  # of the score: one that was tried and stayed further behind is not the same
 
 
@@ -52,6 +53,14 @@ def named_effects(
             )
         )
     return tuple(found)
+
+
+def many_at_once(effects: Sequence[NamedEffect]) -> bool:
+    """Whether so many are named that they may be one together of which the catalogue is silent.
+
+    Those that every model has a little wrong do not count.
+    """
+    return sum(not CATALOGUE[one.effect].ordinary for one in effects) > _FEW
 
 
 def confusion_set(rounds: Sequence[Round], most: int) -> list[Fit]:

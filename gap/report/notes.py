@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
+from walkerkit.gap.report.named import many_at_once
 from walkerkit.gap.search.problem import Problem
 
 _UNSURE = 0.9
@@ -43,6 +44,11 @@ def _notes(
         yield error.sentence(wholes <= {*error.recordings})
     for named in effects:
         yield from _of_effect(named)
+    if many_at_once(effects):
+        yield (
+            "So many effects at once may stand in for one that the catalogue lacks: trust the gap "
+            "that they close more than their names."
+        )
     if verdict == "unexplained":
         yield (
             "Nothing in the catalogue makes the held-out gap smaller by more than chance. The "
