@@ -72,7 +72,7 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
     try:
         found = gap.diagnose(model, seen, effects=known, n_threads=1).diagnosis
         oracle = None
-        if hidden and not case.removed:
+        if hidden and all(one.effect in known for one in hidden):
             oracle = _oracle(model, seen, hidden)
     except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
         # One failure must not lose the other cases; it counts as a wrong answer.

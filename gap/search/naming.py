@@ -26,6 +26,7 @@ from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.scan import scanned
 from walkerkit.gap.search.signatures import View, look
 from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried, merged
 from walkerkit.gap.search.worth import close_to, confidence, least_gain, one_sided, tied, worth_it
@@ -502,7 +503,13 @@ class _Search:
             moved = np.abs(current.values - before) / current.structure.scale
             if not (moved > _SETTLED).any():
                 break
-        return current, weigh(self._problem, [current])
+        base = weigh(self._problem, [current])
+        if not self._at_floor(current, base):
+            better = scanned(self._problem, current)
+            if better is not current:
+                self._refine(better)
+                current, base = better, weigh(self._problem, [better])
+        return current, base
 
     def _finalist(self, current: Fit) -> tuple[Fit, Evidence]:
         """As the present explanation was: fitted to all recordings, its numerical error its own."""

@@ -18,6 +18,7 @@ _MARGIN = 0.04  # an effect makes gaps at least four per cent smaller, in the ge
 _MARGIN_OF_JOINT = 0.1  # or those of some joint ten per cent
 _MORE_EACH = 0.5  # of these margins for each effect that is there: several names fit many a gap
 _CHANCE = 0.05
+_LARGE, _CHANCE_OF_LARGE = 0.25, 0.15  # gaps a quarter smaller, which few blocks may decide
 _OVER_NOISE = 0.5  # what an effect explains of some channel, over its noise
 _OVER_NUMERICAL = 0.4  # and over what half the timestep changes, which is taken out already
 _MUCH_LARGER = 0.4  # a gap, as ½ log of its square
@@ -45,7 +46,8 @@ def worth_it(
     explained = np.sqrt(np.maximum(evidence.mean_square[base] - evidence.mean_square[k], 0))
     least = _OVER_NOISE * problem.noise
     least = np.maximum(least, _OVER_NUMERICAL * problem.held.objective.numerical_size())
-    return bool(large and by_chance < _CHANCE and (explained > least).any())
+    most = _CHANCE_OF_LARGE if gain >= more * _LARGE else _CHANCE
+    return bool(large and by_chance < most and (explained > least).any())
 
 
 def one_sided(problem: Problem, evidence: Evidence) -> bool:

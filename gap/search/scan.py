@@ -1,0 +1,63 @@
+"""A look around a fit whose gap is jagged.
+
+A limit is met or missed, a play is crossed or not: slopes at one place know nothing of the next
+dent. Every number is tried at other sizes, in leaps that a step by the slopes would not dare.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.fit import Fit, evaluate, fit
+from walkerkit.gap.search.objective import Case
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Structure
+
+FloatArray = NDArray[np.float64]
+
+_FACTORS = np.array([0.6, 0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.6])
+_PASSES = 3
+_STEPS = 4
+_BETTER = 0.01  # of a score, for another start to be worth a fit
+
+
+def scanned(problem: Problem, current: Fit) -> Fit:
+    """The fit, or a better one that begins where one of its numbers is another.
+
+    Args:
+        problem: what is to be explained.
+        current: a fit to all recordings that are fitted.
+    """
+    race, objective, structure = problem.race.objective, problem.fit.objective, current.structure
+    if not len(structure.slots):
+        return current
+    problem.race.refine(current)
+    for _ in range(_PASSES):
+        tried = np.vstack([current.values, _around(structure, current.values)])
+        case = Case(structure=structure, values=tried)
+        scores = race.score(race.mean_squares([case])[0])
+        best = int(np.argmin(scores))
+        if not scores[best] < scores[0] - _BETTER:
+            break
+        found = evaluate(objective, [(structure, tried[best])])
+        (found[0],) = fit(objective, found, iterations=_STEPS)
+        if not found[0].score < current.score - _BETTER:
+            break
+        (current,) = found
+    return current
+
+
+def _around(structure: Structure, values: FloatArray) -> FloatArray:
+    """(n, n_parameters) values of which one is another, by a factor of what it adds."""
+    lower, upper = structure.bounds
+    away = values - structure.zero
+    rows = []
+    for k, slot in enumerate(structure.slots):
+        if slot.parameter.choice or not slot.term.effect.fitted or not away[k]:
+            continue
+        for factor in _FACTORS:
+            row = values.copy()
+            row[k] = np.clip(structure.zero[k] + factor * away[k], lower[k], upper[k])
+            rows.append(row)
+    return np.array(rows).reshape(-1, len(values))
