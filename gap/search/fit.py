@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float], None]  # what is being done, and how far it is (0 to 1)
 
 _PERTURBATION = 0.02  # of a parameter's scale
+_SECANT = 0.3  # of it, too, where a slope has to hold for more than the next dent of a gap
 _DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
 _CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
 INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
@@ -276,10 +277,12 @@ class _Perturbed:
     moves: Moves
 
 
-def _perturbed(objective: Objective, current: Fit, own: NDArray[np.intp]) -> _Perturbed:
+def _perturbed(
+    objective: Objective, current: Fit, own: NDArray[np.intp], part: float
+) -> _Perturbed:
     structure = current.structure
     _, upper = structure.bounds
-    move = _PERTURBATION * structure.scale
+    move = part * structure.scale
     move = np.where(current.values + move > upper, -move, move)[own]
     moves = objective.moves([structure.branches[k] for k in own])
     values = np.tile(current.values, (2 + int(moves.row.max(initial=-1)), 1))
@@ -288,12 +291,19 @@ def _perturbed(objective: Objective, current: Fit, own: NDArray[np.intp]) -> _Pe
 
 
 def _linearised(
-    objective: Objective, fits: Sequence[Fit], own: Sequence[NDArray[np.intp]] | None = None
+    objective: Objective,
+    fits: Sequence[Fit],
+    own: Sequence[NDArray[np.intp]] | None = None,
+    *,
+    part: float = _PERTURBATION,
 ) -> Iterator[_Slopes]:
-    """The slopes at every fit, simulated, or those of some of its numbers, zero for the others."""
+    """The slopes at every fit, simulated, or those of some of its numbers, zero for the others.
+
+    Each over a part of the number's scale.
+    """
     if own is None:
         own = [np.arange(len(one.values)) for one in fits]
-    moved = [_perturbed(objective, one, some) for one, some in zip(fits, own, strict=True)]
+    moved = [_perturbed(objective, one, some, part) for one, some in zip(fits, own, strict=True)]
     cases = [one.case for one in moved]
     for group in objective.grouped(cases):
         linearised = objective.linearised(cases[group], [one.moves for one in moved[group]])
@@ -370,7 +380,9 @@ def covariance(
     objective are (a cluster-robust sandwich, Liang and Zeger, Biometrika 73, 1986). What is left of
     a gap beyond the noise is no chance but the model's error, which pulls the values the same way
     wherever it shows: it may lie along what a number changes, by a cosine of `_ALIGNED`. So may
-    what the timestep changes, which is taken out only as far as it is known.
+    what the timestep changes, which is taken out only as far as it is known. A jagged gap is
+    steeper from dent to dent than as a whole: of two slopes, over little and over more of a
+    number's scale, the one that tells less counts.
 
     Args:
         objective: the recordings that were fitted.
@@ -384,6 +396,18 @@ def covariance(
         where it started.
     """
     (slopes,) = _linearised(objective, [one])
+    (secants,) = _linearised(objective, [one], part=_SECANT)
+    normal, _ = _normal_equations(objective, one, slopes)
+    found, wide = (_covariance(objective, one, each, noise) for each in (slopes, secants))
+    own = np.maximum(np.diag(found), 1e-300)
+    wider = np.sqrt(np.maximum(own, np.diag(wide)) / own) * one.structure.scale
+    return found * np.outer(wider, wider), _sensitivity(one, normal)
+
+
+def _covariance(
+    objective: Objective, one: Fit, slopes: _Slopes, noise: FloatArray | None
+) -> FloatArray:
+    """(n_parameters, n_parameters) by some slopes, in the parameters' scales."""
     weighted = slopes.jacobian * objective.weights(one.mean_square)
     normal, _ = _normal_equations(objective, one, slopes)
     pull = np.einsum("irc,rc->ir", weighted, slopes.residual)
@@ -391,7 +415,7 @@ def covariance(
     blocks = scores.shape[1]
     inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
     meat = scores @ scores.T * (blocks / max(1, blocks - len(one.values)))
-    found = inverse @ meat @ inverse
+    found: FloatArray = inverse @ meat @ inverse
     if noise is not None:
         size = one.mean_square + objective.floor**2
         beyond = float(np.mean(np.maximum(one.mean_square - noise**2, 0.0) / size))
@@ -399,8 +423,7 @@ def covariance(
         for change in objective.numerical:
             pulled = inverse @ np.einsum("irc,rc->i", weighted, change)
             found += _UNCORRECTED**2 * np.outer(pulled, pulled)
-    scale = np.diag(one.structure.scale)
-    return scale @ found @ scale, _sensitivity(one, normal)
+    return found
 
 
 def at_bound(one: Fit) -> NDArray[np.bool_]:
