@@ -97,6 +97,11 @@ class Problem:
         """The structure that adds nothing."""
         return Structure((), self.robots)
 
+    def refine(self, current: Fit) -> None:
+        """Takes the numerical error at a fit as that of all that will be simulated."""
+        for half in (self.fit, self.held):
+            half.refine(current)
+
 
 def build(
     robots: Sequence[Robot],

@@ -20,7 +20,7 @@ import pytest
 
 from walkerkit.gap import InputError, diagnose
 from walkerkit.gap.report.claim import CHECKPOINT, claimed
-from walkerkit.gap.search import evidence, fit, naming
+from walkerkit.gap.search import evidence, fit, trying
 from walkerkit.gap.search.journal import Journal, digest, finished, packed, unpacked
 from walkerkit.walkers.batch import count_warnings, counted_warnings
 
@@ -96,7 +96,7 @@ def test_a_full_disk_leaves_nothing_half_written_and_nothing_is_done_twice(
     with monkeypatch.context() as patch:
         for module, step in ((fit, "_fit"), (fit, "_evaluate"), (evidence, "_weigh")):
             patch.setattr(module, step, again)
-        patch.setattr(naming._Search, "_promising", again)
+        patch.setattr(trying.Tries, "_promising", again)
         run(robot, "full")
     assert content(robot / "full") == content(robot / "undisturbed")
 

@@ -13,7 +13,7 @@ from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
-from walkerkit.gap.search import naming
+from walkerkit.gap.search import keeping, trying
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.workflow import prepare
@@ -118,7 +118,7 @@ def test_nothing_is_named_where_nothing_is_hidden(problem: Make) -> None:
 
 
 def test_at_the_floor_nothing_is_even_tried(problem: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(naming, "_AT_FLOOR", 1e9)
+    monkeypatch.setattr(keeping, "_AT_FLOOR", 1e9)
     (only,) = search(problem(hide("torque_bias", "knee", bias=0.3)), *PLAIN)
     assert (only.candidates, only.named, only.fit.structure.terms) == ((), None, ())
 
@@ -133,7 +133,7 @@ def test_effects_that_do_not_help_are_tried_and_lose(problem: Make) -> None:
 
 
 def test_never_more_than_so_many_rounds(problem: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(naming, "MOST_EFFECTS", 1)
+    monkeypatch.setattr(trying, "MOST_EFFECTS", 1)
     both = hide("torque_bias", "knee", bias=0.3), hide("sensor_delay", "*", delay=0.01)
     rounds = search(problem(*both), "torque_bias", "sensor_delay")
     assert [one.named is not None for one in rounds] == [True, False]

@@ -1,0 +1,118 @@
+"""Keeping: what stays of the effects that were added to a fit, and the fit in its final form.
+
+A fit is settled when it suits all recordings that are fitted, in the light of its own numerical
+error. What was added stays only at the places that need it, and what was there before only while
+it still is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from walkerkit.gap.effects import Effect
+from walkerkit.gap.search.evidence import Evidence, weigh
+from walkerkit.gap.search.fit import Fit, certainty, evaluate, fit
+from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.places import places_needed, refit
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.scan import scanned
+from walkerkit.gap.search.structure import carried, merged
+from walkerkit.gap.search.worth import worth_it
+
+_AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
+_BLURRED = 1.4  # as far as numerical errors raise that noise, at most
+_REFITS = 4
+_PASSES = 2  # of fitting and finding the numerical error again
+_SETTLED = 0.05  # of a parameter's scale
+_CERTAIN = 2.0  # standard errors from where a value leaves the robot unchanged
+
+
+def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
+    """The fit in the light of its own numerical error, which the problem has from then on."""
+    objective = problem.fit.objective
+    for _ in range(_PASSES):
+        before = current.values
+        problem.refine(current)
+        start = evaluate(objective, [(current.structure, before)])[0]
+        current = fit(objective, [start], iterations=_REFITS)[0]
+        moved = np.abs(current.values - before) / current.structure.scale
+        if not (moved > _SETTLED).any():
+            break
+    base = weigh(problem, [current])
+    if not at_floor(problem, current, base):
+        better = scanned(problem, current)
+        if better is not current:
+            problem.refine(better)
+            current, base = better, weigh(problem, [better])
+    return current, base
+
+
+def finalist(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
+    """As the present explanation was: fitted to all recordings, its numerical error its own."""
+    objective = problem.fit.objective
+    problem.refine(current)
+    (start,) = evaluate(objective, [(current.structure, current.values)])
+    (current,) = fit(objective, [start], iterations=_REFITS)
+    return current, weigh(problem, [current])
+
+
+def at_floor(problem: Problem, current: Fit, base: Evidence) -> bool:
+    """Whether a fit leaves nothing to explain, in stretches or in what the gap is told of.
+
+    Each stretch starts from a smoothed state, whose error is all that is left of the gap where
+    a log has no noise, as one of another simulator.
+    """
+    held, noise = problem.held, problem.noise
+    told = Objective(held.told, problem.channels, held.objective.floor)
+    as_told = told.as_it_is([Case(structure=current.structure, values=current.values[None])])[0][0]
+    # What half the timestep changes is taken out already, though not to the last digit.
+    blurred = np.minimum(np.hypot(noise, held.objective.numerical_size()), _BLURRED * noise)
+    return bool(
+        (np.sqrt(as_told) <= _AT_FLOOR * noise).all()
+        or (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * blurred).all()
+    )
+
+
+def kept(problem: Problem, current: Fit, added: Sequence[Effect]) -> Fit:
+    """The fit with the added effects where they are needed, and others while they still are."""
+    one_each = merged(current.structure)
+    values = carried(current.values, current.structure, one_each)
+    current = replace(current, structure=one_each, values=values)
+    problem.race.refine(current)
+    problem.refine(current)
+    for effect in added:
+        term = next(term for term in current.structure.terms if term.effect is effect)
+        current = places_needed(problem, current, term)
+    return _without_the_uncertain(problem, _without_the_needless(problem, current))
+
+
+def _without_the_needless(problem: Problem, current: Fit) -> Fit:
+    """The fit without effects that those named after them have made superfluous."""
+    for term in current.structure.terms:
+        if len(current.structure.terms) == 1 or not term.effect.fitted:
+            continue
+        (smaller,) = refit(problem, current, [current.structure.without_term(term)])
+        effects = len(current.structure.terms)
+        if not worth_it(problem, weigh(problem, [smaller, current]), 1, effects=effects):
+            current = smaller
+    return current
+
+
+def _without_the_uncertain(problem: Problem, current: Fit) -> Fit:
+    """The fit of several effects without those none of whose values is known to be there."""
+    while len(current.structure.terms) > 1:
+        (one,) = evaluate(problem.fit.objective, [(current.structure, current.values)])
+        sure = certainty(problem.fit.objective, one, problem.noise)
+        known = {
+            term: float(sure[one.structure.columns(term)].max())
+            for term in one.structure.terms
+            if term.effect.fitted
+        }
+        least = min(known, key=known.__getitem__, default=None)
+        if least is None or known[least] >= _CERTAIN:
+            break
+        (current,) = refit(problem, current, [current.structure.without_term(least)])
+    return current

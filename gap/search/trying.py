@@ -1,0 +1,246 @@
+"""Trying: which effects are worth a fit on top of those named already, and what comes of it.
+
+Every effect is looked at by what it changes (`signatures`). Those that promise most, singles and
+pairs, since two right effects can hide behind the compromise of a wrong single one, are raced.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.effects import Effect
+from walkerkit.gap.search.evidence import Evidence, weigh
+from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit
+from walkerkit.gap.search.journal import digest, finished, packed, unpacked
+from walkerkit.gap.search.keeping import at_floor
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.signatures import View, look
+from walkerkit.gap.search.structure import Structure, Term, candidate_terms
+from walkerkit.gap.search.worth import least_gain
+
+FloatArray = NDArray[np.float64]
+_Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and whether shared
+
+MOST_EFFECTS = 5
+_WARM, _KEPT_WARM = 2, 2  # steps, and how many take the second for each that is raced
+_MOST_WARM, _HOPE = 24, 0.3  # that take the first, and what they promise of the least that matters
+_OF_THE_BEST = 0.2  # of its gain, which others have to reach by then
+_FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
+_MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
+_LIKE = 0.25  # of an effect's promise, which another has to reach to stand in for it
+_NO_MORE = 0.05  # of a promise, summed over the channels
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """What was fitted on top of some terms: singles and pairs, and what recordings say of them."""
+
+    fits: tuple[Fit, ...]
+    evidence: Evidence
+
+
+class Tries:
+    """What has been tried on top of which terms.
+
+    Args:
+        problem: what is to be explained.
+        effects: the catalogue.
+        progress: called now and then.
+    """
+
+    def __init__(
+        self, problem: Problem, effects: Sequence[Effect], progress: Progress | None
+    ) -> None:
+        self._problem = problem
+        self._effects = effects
+        self._progress = progress
+        self._tried: dict[tuple[_Key, frozenset[str] | None], Tried] = {}
+        self._promised: dict[_Key, dict[str, float]] = {}  # in the order in which they were seen
+
+    def known(self, structure: Structure) -> bool:
+        """Whether everything has been tried on top of a structure."""
+        return (_key(structure), None) in self._tried
+
+    def on_top_of(
+        self, current: Fit, base: Evidence | None, only: frozenset[str] | None = None
+    ) -> Tried:
+        """Fits what promises most on top of a fit; nothing where that is at the floor.
+
+        Args:
+            current: the fit.
+            base: what the recordings say of it, where that is known.
+            only: names of the effects that are looked at, one by one; None for all, and pairs.
+        """
+        problem, count = self._problem, len(current.structure.terms)
+        everything = _key(current.structure), None
+        key = everything if everything in self._tried else (everything[0], only)
+        if key in self._tried:
+            return self._tried[key]
+        if base is None:
+            problem.refine(current)
+            base = weigh(problem, [current])
+        none = Tried(fits=(), evidence=base.some([]))
+        terms = self._terms(current.structure)
+        if only is not None:
+            terms = [term for term in terms if term.effect.name in only]
+        if not terms or at_floor(problem, current, base) or count >= MOST_EFFECTS:
+            self._tried[key] = none
+            return none
+        stage = f"effect {count + 1}: {{}} {len(terms)} candidates"
+        if self._progress:
+            self._progress(stage.format("screening"), 0.0)
+        for half in problem.parts:
+            half.refine(current)
+        promised, starts = finished(
+            digest(repr((current.structure.key, only and sorted(only))), current.values),
+            lambda: self._promising(current, terms, alone=only is not None),
+            lambda found: [found[0], [[s.key[count:], packed([v])] for s, v in found[1]]],
+            lambda content: (content[0], [self._start(current, *one) for one in content[1]]),
+        )
+        if only is None:
+            self._promised[key[0]] = promised
+        if not starts:
+            self._tried[key] = none
+            return none
+        race = problem.race.objective
+        tried = fit(
+            race,
+            evaluate(race, starts),
+            race=[len(structure.terms) for structure, _ in starts],
+            near=current,
+            progress=self._progress,
+            stage=stage.format("fitting"),
+        )
+        self._tried[key] = Tried(fits=tuple(tried), evidence=weigh(problem, tried))
+        return self._tried[key]
+
+    def like(self, others: Structure, effect: Effect) -> frozenset[str] | None:
+        """Effects that promised enough, when last seen without this one, to stand in for it."""
+        best: dict[str, float] = {}
+        for key, promised in self._promised.items():
+            if effect.name in promised and {name for name, _, _ in key} <= set(_names(others)):
+                best = promised
+        if best.get(effect.name, 0.0) <= 0:
+            return None
+        least = _LIKE * best[effect.name]
+        return frozenset(name for name, promise in best.items() if promise >= least)
+
+    def _promising(
+        self, current: Fit, terms: Sequence[Term], *, alone: bool
+    ) -> tuple[dict[str, float], list[tuple[Structure, FloatArray]]]:
+        """What effects promise on top of a fit, and where the best singles and pairs begin."""
+        view = look(self._problem.screen, current, terms)
+        starts = self._starters(view, current)
+        if starts and not alone and len(current.structure.terms) + 1 < MOST_EFFECTS:
+            starts += [view.start(pair) for pair in _pairs(view)]
+        return _promised(view), starts
+
+    def _start(self, current: Fit, added: Any, values: Any) -> tuple[Structure, FloatArray]:
+        """A start as a journal has it."""
+        effects = {effect.name: effect for effect in self._effects}
+        structure = current.structure
+        for name, sites, shared in added:
+            term = Term(effect=effects[name], sites=tuple(sites), shared=shared)
+            structure = structure.with_term(term)
+        return structure, unpacked(values)[0]
+
+    def _starters(self, view: View, current: Fit) -> list[tuple[Structure, FloatArray]]:
+        """The singles that are worth a race, from where a few steps have taken them.
+
+        A promise is a straight line from the present model. Where that is far from the robot the
+        line leads astray, so that all with any hope get the first steps of a fit.
+        """
+        objective = self._problem.screen.objective
+        every = range(len(view.candidates))
+        able = [i for i in every if view.candidates[i].tries and not _outdone(view, i)]
+        if not able:
+            return []
+        warm = evaluate(objective, [view.start([i]) for i in able])
+        promised = [view.promise([i]) for i in able]
+        hope = _HOPE * least_gain(self._problem) / view.channels
+        least = view.score - max(hope, _OF_THE_BEST * (view.score - min(promised)))
+        by_promise = sorted(range(len(able)), key=lambda k: promised[k])
+        by_start = sorted(range(len(able)), key=lambda k: warm[k].score)
+        chosen = [k for k in by_promise[:_MOST_WARM] if promised[k] < least]
+        chosen += [k for k in by_start[:_MOST_SINGLES] if warm[k].score < least]
+        chosen = list(dict.fromkeys([*chosen, *by_promise[:_FEWEST_SINGLES]]))
+        for _ in range(_WARM):
+            further = fit(objective, [warm[k] for k in chosen], iterations=1, near=current)
+            for k, one in zip(chosen, further, strict=True):
+                warm[k] = one
+            chosen.sort(key=lambda k: warm[k].score)
+            least = view.score - _OF_THE_BEST * (view.score - warm[chosen[0]].score)
+            near = [k for k in chosen if warm[k].score < least]
+            chosen = max(near, chosen[:_FEWEST_SINGLES], key=len)[: _KEPT_WARM * _MOST_SINGLES]
+        chosen = list(dict.fromkeys([*chosen[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]]))
+        return [(warm[k].structure, warm[k].values) for k in chosen]
+
+    def _terms(self, structure: Structure) -> list[Term]:
+        """Every effect where it could be added: those present only at places without them."""
+        present = {term.effect.name: term for term in structure.terms}
+        found = []
+        for term in candidate_terms(self._effects, self._problem.robots, self._problem.joints):
+            known = present.get(term.effect.name)
+            if not term.effect.fitted:
+                continue
+            if known is None:
+                found.append(term)
+            elif not known.shared:
+                sites = tuple(site for site in term.sites if site not in known.sites)
+                if sites:
+                    found.append(replace(term, sites=sites, shared=False))
+        return found
+
+
+def _key(structure: Structure) -> _Key:
+    return frozenset(structure.key)
+
+
+def _names(structure: Structure) -> list[str]:
+    return [term.effect.name for term in structure.terms]
+
+
+def _promised(view: View) -> dict[str, float]:
+    """Effect to what it promises to take off the score."""
+    found: dict[str, float] = {}
+    for i, candidate in enumerate(view.candidates):
+        name = candidate.term.effect.name
+        found[name] = max(found.get(name, 0.0), view.score - view.promise([i]))
+    return found
+
+
+def _pairs(view: View) -> list[tuple[int, int]]:
+    """Pairs that promise more than any single; no effect is in too many of them."""
+    promised = [view.promise([i]) for i in range(len(view.candidates))]
+    able = [i for i, one in enumerate(view.candidates) if one.columns and not _outdone(view, i)]
+    least = min(promised) - _MORE_THAN_ONE / view.channels
+    pairs = sorted(
+        (promise, pair)
+        for pair in itertools.combinations(able, 2)
+        if view.candidates[pair[0]].term.effect is not view.candidates[pair[1]].term.effect
+        and (promise := view.promise(pair)) < least
+    )
+    often: dict[int, int] = {}
+    chosen: list[tuple[int, int]] = []
+    for _, pair in pairs:
+        if len(chosen) < _MOST_PAIRS and all(often.get(i, 0) < _MOST_PAIRS // 2 for i in pair):
+            chosen.append(pair)
+            often.update({i: often.get(i, 0) + 1 for i in pair})
+    return chosen
+
+
+def _outdone(view: View, i: int) -> bool:
+    """Whether one value for all promises as much as this candidate's one for each."""
+    mine = view.candidates[i].term
+    return not mine.shared and any(
+        other.term.shared
+        and other.term.effect is mine.effect
+        and view.channels * (view.promise([k]) - view.promise([i])) < _NO_MORE
+        for k, other in enumerate(view.candidates)
+    )
