@@ -30,6 +30,7 @@ _REPEATS = 0.4  # of the samples of a motion
 _LEAD_ALIKE = 0.8  # correlation of the speeds of target and measurement
 _LEAD_CLEARER = 0.05  # by which it has to be better than in step
 _LONGEST_LEAD = 0.2  # s
+_MOSTLY_GAPS = 10.0  # samples that a recording would have at its own rate, for each that it has
 
 
 def tidied(recording: Recording) -> Recording:
@@ -144,7 +145,10 @@ def _leads(recording: Recording, joint: str) -> Iterator[str]:
     if target is None or np.ptp(target) == 0:
         return
     step = float(np.median(np.diff(recording.time)))
-    time = np.arange(recording.time[0], recording.time[-1], step)
+    start, end = float(recording.time[0]), float(recording.time[-1])
+    if (end - start) / len(recording.time) > _MOSTLY_GAPS * step:
+        return
+    time = np.arange(start, end, step)
     most = min(round(_LONGEST_LEAD / step), len(time) // 4)
     if most < 2:
         return

@@ -31,6 +31,7 @@ _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.01  # of the noise, and of how far a joint moves
 _MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
+_CHANCE = 0.05
 _MOST_EXCHANGES = 3
 
 
@@ -146,7 +147,7 @@ def _grown(
     tried = tries.on_top_of(current, base)
     fits, evidence = list(tried.fits), Evidence.joined([base, tried.evidence])
     # The numerical error was that of the current model; those who could win get their own.
-    for i in _finalists(evidence):
+    for i in _finalists(fits, evidence):
         fits[i], own = finalist(problem, fits[i])
         evidence = evidence.replaced(i + 1, own)
     winner = _winner(problem, fits, evidence)
@@ -240,8 +241,19 @@ def _told(
     return tuple(rounds)
 
 
-def _finalists(evidence: Evidence) -> list[int]:
-    """Candidates that could still win, best first; the first fit of the evidence is the base."""
+def _finalists(fits: Sequence[Fit], evidence: Evidence) -> list[int]:
+    """Candidates that could still win, best first; the first fit of the evidence is the base.
+
+    One that is behind the best by more than chance can win only if it is simpler.
+    """
     gain = evidence.both[0] - evidence.both[1:]
-    order = np.argsort(-gain, kind="stable")[:_MOST_FINALISTS]
-    return [int(i) for i in order if gain[i] > max(0.0, _IN_REACH * gain.max())]
+    order = [int(i) for i in np.argsort(-gain, kind="stable")[:_MOST_FINALISTS]]
+    resampled = evidence.both_resampled[:, 1:]
+
+    def could_win(i: int) -> bool:
+        best = order[0]
+        ahead = np.mean(resampled[:, i] <= resampled[:, best])
+        return size_of(fits[i]) < size_of(fits[best]) or bool(ahead > _CHANCE)
+
+    least = max(0.0, _IN_REACH * gain.max(initial=0.0))
+    return [i for i in order if gain[i] > least and could_win(i)]

@@ -84,3 +84,11 @@ def test_a_measurement_ahead_of_its_target_is_told() -> None:
     ahead = float(note.split("is ")[1].split(" ms")[0])
     assert ahead == pytest.approx(40, abs=10)
     assert "out of step" in note
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("end", [1e9, 1e300])
+def test_a_log_that_is_mostly_a_gap_is_looked_at_all_the_same(end: float) -> None:
+    columns = {"knee/position": noisy(TARGET), "knee/position_target": late(TARGET, 20)}
+    recording = Recording(name="log", time=np.append(TIME[:-1], end), columns=columns)
+    assert not any("out of step" in note for note in tidied(recording).notes)
