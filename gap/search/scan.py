@@ -1,7 +1,8 @@
 """A look around a fit whose gap is jagged.
 
 A limit is met or missed, a play is crossed or not: slopes at one place know nothing of the next
-dent. Every number is tried at other sizes, in leaps that a step by the slopes would not dare.
+dent. The numbers of the newest effect are tried at other sizes, in leaps that a step by the slopes
+would not dare.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ _BETTER = 0.01  # of a score, for another start to be worth a fit
 
 
 def scanned(problem: Problem, current: Fit) -> Fit:
-    """The fit, or a better one that begins where one of its numbers is another.
+    """The fit, or a better one that begins where a number of its last effect is another.
 
     Args:
         problem: what is to be explained.
         current: a fit to all recordings that are fitted.
     """
     race, objective, structure = problem.race.objective, problem.fit.objective, current.structure
-    if not len(structure.slots):
+    if not structure.terms or not structure.terms[-1].effect.fitted:
         return current
     problem.race.refine(current)
     for _ in range(_PASSES):
@@ -53,8 +54,8 @@ def _around(structure: Structure, values: FloatArray) -> FloatArray:
     lower, upper = structure.bounds
     away = values - structure.zero
     rows = []
-    for k, slot in enumerate(structure.slots):
-        if slot.parameter.choice or not slot.term.effect.fitted or not away[k]:
+    for k in structure.columns(structure.terms[-1]):
+        if structure.slots[k].parameter.choice or not away[k]:
             continue
         for factor in _FACTORS:
             row = values.copy()
