@@ -29,7 +29,7 @@ from walkerkit.gap.report.diagnosis import Gap, Location, Trace
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.locate import locate as rank
 from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces
-from walkerkit.gap.search.fit import Fit, Progress, covariance, evaluate
+from walkerkit.gap.search.fit import Fit, Progress, Slopes, covariance, evaluate, polish
 from walkerkit.gap.search.fit import fit as improve
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.screen import screen
@@ -42,8 +42,7 @@ from walkerkit.gap.workflow import WINDOW, prepare
 FloatArray = NDArray[np.float64]
 
 _PASSES = 3  # of fitting and finding the numerical error again
-_ITERATIONS = 20
-_SETTLED = 0.02  # of a parameter's scale
+_SETTLED = 0.1  # of a parameter's scale
 
 
 def load(
@@ -171,31 +170,16 @@ def fit(
     Raises:
         InputError: an effect is not in the catalogue, or cannot act where it is to act.
     """
-    objective = problem.fit.objective
-    left = [_term(problem, name, sites) for name, sites in effects.items()]
-    start = problem.nothing, np.zeros(0)
-    ordinary = [term for term in left if term.effect.ordinary]
-    if len(ordinary) > 1:
-        start = _together(problem, ordinary, progress)
-        left = [term for term in left if not term.effect.ordinary]
-    (found,) = evaluate(objective, [start])
-    while left:
-        if progress:
-            progress("screening", 1 - len(left) / len(effects))
-        _refine(problem, found)
-        (found,) = evaluate(objective, [(found.structure, found.values)])
-        # What explains most comes first: the start of the others is then judged beside it.
-        tried = improve(objective, screen(objective, found, left), iterations=2)
-        best = int(np.argmin([one.score for one in tried]))
-        (found,) = improve(objective, [tried[best]], progress=progress)
-        del left[best]
-    found = _settled(problem, found, progress)
+    terms = [_term(problem, name, sites) for name, sites in effects.items()]
+    found, slopes = _settled(problem, _begun(problem, terms, progress), progress)
     robots = tuple(
         mend(found.structure.trials(robot, found.values[None])) for robot in problem.robots
     )
     nothing = np.zeros((0, 0)), np.zeros(0)
-    variance, sensitivity = covariance(objective, found, problem.noise) if effects else nothing
-    compared = replay(problem, robots)
+    variance, sensitivity = (
+        covariance(problem.whole.objective, found, problem.noise, slopes) if effects else nothing
+    )
+    before, after = (replay_half(problem, "held", some) for some in (problem.robots, robots))
     order = list(effects)
     terms = sorted(found.structure.terms, key=lambda term: order.index(term.effect.name))
     return Fitted(
@@ -207,32 +191,36 @@ def fit(
             )
             for term in terms
         ),
-        gap=compared.gap,
+        gap=gap_of(problem, before, after),
         robots=robots,
         problem=problem,
         fit=found,
     )
 
 
-def _together(
-    problem: Problem, terms: Sequence[Term], progress: Progress | None
-) -> tuple[Structure, FloatArray]:
-    """Values of effects that would take each other's place if they came one by one.
-
-    Found on the small parts of the recordings first, on which a step costs least.
-    """
-    structure = Structure(tuple(terms), problem.robots)
-    (nothing,) = evaluate(problem.screen.objective, [(problem.nothing, np.zeros(0))])
-    alone = screen(problem.screen.objective, nothing, terms)
-    starts = [
-        np.concatenate([one.values for one in alone]),
-        np.clip([slot.parameter.starts[0] for slot in structure.slots], *structure.bounds),
-    ]
-    for half in problem.parts:
-        given = evaluate(half.objective, [(structure, values) for values in starts])
-        best = min(given, key=lambda one: one.score)
-        starts = [one.values for one in improve(half.objective, [best], progress=progress)]
-    return structure, starts[0]
+def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -> Fit:
+    """A fit to little of the recordings, on which a step costs least."""
+    objective = problem.screen.objective
+    # Together, since they would take each other's place if they came one by one.
+    ordinary = tuple(term for term in terms if term.effect.ordinary)
+    structure = Structure(ordinary, problem.robots)
+    first = np.array([slot.parameter.starts[0] for slot in structure.slots])
+    starts = [(structure, np.clip(v, *structure.bounds)) for v in (structure.zero, first)]
+    start = min(evaluate(objective, starts), key=lambda one: one.score)
+    (found,) = improve(objective, [start], race=[0], progress=progress)
+    left = [term for term in terms if not term.effect.ordinary]
+    objective = problem.race.objective
+    while left:
+        if progress:
+            progress("screening", 1 - len(left) / len(terms))
+        problem.race.refine(found)
+        (found,) = evaluate(objective, [(found.structure, found.values)])
+        # What explains most comes first: the start of the others is then judged beside it.
+        tried = improve(objective, screen(objective, found, left), iterations=2)
+        best = int(np.argmin([one.score for one in tried]))
+        (found,) = improve(objective, [tried[best]], progress=progress)
+        del left[best]
+    return found
 
 
 def _term(problem: Problem, name: str, sites: Sequence[str] | str) -> Term:
@@ -257,20 +245,13 @@ def _term(problem: Problem, name: str, sites: Sequence[str] | str) -> Term:
     return Term(effect=CATALOGUE[name], sites=wanted)
 
 
-def _settled(problem: Problem, found: Fit, progress: Progress | None) -> Fit:
-    """The fit in the light of its own numerical error."""
-    objective = problem.fit.objective
+def _settled(problem: Problem, found: Fit, progress: Progress | None) -> tuple[Fit, Slopes]:
+    """The fit to all recordings, in the light of its own numerical error."""
+    whole = problem.whole
     for _ in range(_PASSES):
-        before = found.values
-        problem.fit.refine(found)
-        (start,) = evaluate(objective, [(found.structure, before)])
-        (found,) = improve(objective, [start], iterations=_ITERATIONS, progress=progress)
-        if not (np.abs(found.values - before) > _SETTLED * found.structure.scale).any():
+        before = found
+        whole.refine(before)
+        found, slopes = polish(whole.objective, before, progress=progress)
+        if not (np.abs(found.values - before.values) > _SETTLED * found.structure.scale).any():
             break
-    problem.held.refine(found)
-    return found
-
-
-def _refine(problem: Problem, found: Fit) -> None:
-    for half in (problem.fit, problem.held):
-        half.refine(found)
+    return found, slopes

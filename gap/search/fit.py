@@ -8,7 +8,7 @@ Bounded; a trial that diverges scores infinity.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ _ALIGNED = 0.2  # how much of the model's error looks like a change of one of it
 _UNCORRECTED = 0.25  # of what half the timestep changes
 _AT_BOUND = 1e-6  # of the width between the bounds
 _RIGHT = 0.1  # of what a step changes may be otherwise than the slopes said
+_KEEPS = 0.5  # of its promise that a whole step has to keep
 _KEPT = 2**28  # bytes of slopes that are carried along
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
@@ -114,7 +115,7 @@ def _fit(
     best = list(starts)
     active = [i for i, start in enumerate(best) if len(start.values) and np.isfinite(start.score)]
     taken = dict.fromkeys(active, 0)
-    slopes: dict[int, _Slopes] = {}
+    slopes: dict[int, Slopes] = {}
     size = sum(len(best[i].values) for i in active) * objective.measured.nbytes
     if near is not None and len(near.values) and size <= _KEPT:
         slopes = dict(zip(active, _near(objective, near, [best[i] for i in active]), strict=True))
@@ -130,22 +131,13 @@ def _fit(
         }
         gains: dict[int, float] = {}
         for i, case, residual in zip(active, cases, _residuals(objective, cases), strict=True):
-            mean_square = objective.mean_square(residual)
-            scores = objective.score(mean_square)
-            k = int(np.argmin(scores))
-            gain = best[i].score - float(scores[k])
-            if gain > 0:
-                step = (case.values[k] - best[i].values) / case.structure.scale
-                best[i] = replace(
-                    best[i],
-                    values=case.values[k],
-                    score=float(scores[k]),
-                    mean_square=mean_square[k],
-                )
+            better, there = _best(objective, case, residual)
+            gains[i] = best[i].score - better.score
+            if gains[i] > 0:
                 if i in slopes:
-                    weights = objective.weights(mean_square[k])
-                    slopes[i].follow(step, residual[k], weights)
-            gains[i] = gain
+                    step = (better.values - best[i].values) / case.structure.scale
+                    slopes[i].follow(step, there, objective.weights(better.mean_square))
+                best[i] = better
         active, before = [], active
         for i in before:
             leader = _leader(best, race, race[i]) if race is not None else -np.inf
@@ -162,8 +154,61 @@ def _fit(
     return best
 
 
+def polish(
+    objective: Objective,
+    start: Fit,
+    *,
+    iterations: int = 20,
+    progress: Progress | None = None,
+    stage: str = "fitting",
+) -> tuple[Fit, Slopes]:
+    """Improves a fit that is near its best, in as few simulations as that takes.
+
+    A step is taken whole where that keeps half of what the slopes promise, and what they promise
+    no more of is not simulated; they are believed where they foretold the step that led there.
+
+    Args:
+        objective: what to fit.
+        start: structure and values; its score may be that on other recordings.
+        iterations: the most steps.
+        progress: called before each step.
+        stage: what it is told.
+
+    Returns:
+        The fit, and the slopes there.
+    """
+    (slopes,) = _linearised(objective, [start])
+    here = Case(structure=start.structure, values=start.values[None])
+    best, _ = _best(objective, here, slopes.residual[None])
+    for k in range(iterations if len(best.values) and np.isfinite(best.score) else 0):
+        if progress:
+            progress(stage, k / iterations)
+        normal, gradient = _normal_equations(objective, best, slopes)
+        trials = _steps(best, normal, gradient)
+        step = (trials[0] - best.values) / best.structure.scale
+        promised = -float(step @ (gradient + 0.5 * normal @ step))
+        if promised < _CONVERGED and slopes.sure:
+            break
+        fresh, gain = slopes.fresh, 0.0
+        if promised >= _CONVERGED:
+            better, residual = _tried(objective, best.structure, trials[:1])
+            if best.score - better.score < _KEEPS * promised:
+                damped = _tried(objective, best.structure, trials[1:])
+                better, residual = min((better, residual), damped, key=lambda one: one[0].score)
+            gain = best.score - better.score
+            if gain > 0:
+                step = (better.values - best.values) / best.structure.scale
+                slopes.follow(step, residual, objective.weights(better.mean_square))
+                best = better
+        if gain < _CONVERGED:
+            if fresh:
+                break
+            (slopes,) = _linearised(objective, [best])
+    return best, slopes
+
+
 @dataclass(kw_only=True)
-class _Slopes:
+class Slopes:
     """What each parameter changes of a fit's residual, carried along with the fit.
 
     Where a step changed the residual by something else than the slopes said, they are turned as
@@ -175,6 +220,7 @@ class _Slopes:
         simulated: how many simulations that took; few are not worth carrying along.
         fresh: they are of this very fit.
         right: they said what the last step would change.
+        sure: they are of this very fit, or said what the only step since then would change.
     """
 
     residual: FloatArray
@@ -182,6 +228,7 @@ class _Slopes:
     simulated: int
     fresh: bool = True
     right: bool = False
+    sure: bool = True
 
     def follow(self, step: FloatArray, residual: FloatArray, weights: FloatArray) -> None:
         """Moves on by a step, (n_parameters,) in scales, to where the residual is another."""
@@ -192,10 +239,11 @@ class _Slopes:
             self.jacobian[k] += along[k] * missed
         self.residual = residual.copy()
         size, wrong = (float(np.sum(weights * one**2)) for one in (changed, missed))
-        self.fresh, self.right = False, wrong < _RIGHT**2 * size
+        self.right = wrong < _RIGHT**2 * size
+        self.fresh, self.sure = False, self.fresh and self.right
 
 
-def _near(objective: Objective, near: Fit, starts: Sequence[Fit]) -> Iterator[_Slopes]:
+def _near(objective: Objective, near: Fit, starts: Sequence[Fit]) -> Iterator[Slopes]:
     """Slopes to begin with: those of another fit for the numbers that it has, others simulated."""
     (known,) = _linearised(objective, [near])
     places = [found_in(start.structure, near.structure) for start in starts]
@@ -209,13 +257,13 @@ def _near(objective: Objective, near: Fit, starts: Sequence[Fit]) -> Iterator[_S
             slopes.jacobian,
             known.jacobian[place] * scale[:, None, None],
         )
-        slopes.fresh = False
+        slopes.fresh = slopes.sure = False
         slopes.simulated = len(place)
         yield slopes
 
 
 def _next_steps(
-    objective: Objective, best: Sequence[Fit], active: Sequence[int], slopes: dict[int, _Slopes]
+    objective: Objective, best: Sequence[Fit], active: Sequence[int], slopes: dict[int, Slopes]
 ) -> list[Case]:
     """A trial per damping factor for each fit; finds the slopes that are missing."""
     steps = {
@@ -231,6 +279,29 @@ def _next_steps(
             room -= found.jacobian.nbytes
             slopes[i] = found
     return [Case(structure=best[i].structure, values=steps[i]) for i in active]
+
+
+def _tried(
+    objective: Objective, structure: Structure, values: FloatArray
+) -> tuple[Fit, FloatArray]:
+    """The best of some values, (n, n_parameters), with its residual."""
+    case = Case(structure=structure, values=values)
+    (residual,) = objective.residuals([case])
+    return _best(objective, case, residual)
+
+
+def _best(objective: Objective, case: Case, residual: FloatArray) -> tuple[Fit, FloatArray]:
+    """The same of values that are simulated, (n, rows, n_scored)."""
+    mean_square = objective.mean_square(residual)
+    scores = objective.score(mean_square)
+    k = int(np.argmin(scores))
+    found = Fit(
+        structure=case.structure,
+        values=case.values[k],
+        score=float(scores[k]),
+        mean_square=mean_square[k],
+    )
+    return found, residual[k]
 
 
 def _residuals(objective: Objective, cases: Sequence[Case]) -> Iterator[FloatArray]:
@@ -296,7 +367,7 @@ def _linearised(
     own: Sequence[NDArray[np.intp]] | None = None,
     *,
     part: float = _PERTURBATION,
-) -> Iterator[_Slopes]:
+) -> Iterator[Slopes]:
     """The slopes at every fit, simulated, or those of some of its numbers, zero for the others.
 
     Each over a part of the number's scale.
@@ -313,13 +384,13 @@ def _linearised(
             slope = changes * (one.structure.scale[some] / perturbed.move)[:, None, None]
             jacobian = np.zeros((len(one.values), *residual.shape))
             jacobian[some] = np.where(np.isfinite(slope), slope, 0.0)  # 0 for what diverged
-            yield _Slopes(
+            yield Slopes(
                 residual=residual, jacobian=jacobian, simulated=len(perturbed.case.values) - 1
             )
 
 
 def _normal_equations(
-    objective: Objective, one: Fit, slopes: _Slopes
+    objective: Objective, one: Fit, slopes: Slopes
 ) -> tuple[FloatArray, FloatArray]:
     """JᵀWJ and JᵀWr, in units of the parameters' scales."""
     weighted = slopes.jacobian * objective.weights(one.mean_square)
@@ -372,7 +443,10 @@ def _sensitivity(one: Fit, normal: FloatArray) -> FloatArray:
 
 
 def covariance(
-    objective: Objective, one: Fit, noise: FloatArray | None = None
+    objective: Objective,
+    one: Fit,
+    noise: FloatArray | None = None,
+    slopes: Slopes | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance of the values, and how much each matters.
 
@@ -388,6 +462,7 @@ def covariance(
         objective: the recordings that were fitted.
         one: the fit.
         noise: (n_scored,) noise of the channels, to allow for the model's error; None for none.
+        slopes: of the fit, where they are known.
 
     Returns:
         (n_parameters, n_parameters) covariance, and (n_parameters,) sensitivities: the squared
@@ -405,7 +480,7 @@ def covariance(
 
 
 def _covariance(
-    objective: Objective, one: Fit, slopes: _Slopes, noise: FloatArray | None
+    objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray | None
 ) -> FloatArray:
     """(n_parameters, n_parameters) by some slopes, in the parameters' scales."""
     weighted = slopes.jacobian * objective.weights(one.mean_square)

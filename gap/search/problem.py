@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,11 @@ _MOST_STEPS, _RACE_STEPS, _SCREEN_STEPS = 80_000, 12_000, 4_000
 _FEWEST = 3  # of a robot's stretches, whatever their steps
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
+
+_FINER: tuple[Callable[[Robot], Robot], ...] = (
+    lambda robot: robot.refined(REFINEMENT),
+    lambda robot: robot.refined(REFINEMENT, other_integrator=True),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +97,27 @@ class Problem:
     def parts(self) -> tuple[Half, ...]:
         """The screen and the race, or the one half that both are."""
         return (self.screen,) if self.screen is self.race else (self.screen, self.race)
+
+    @cached_property
+    def whole(self) -> Half:
+        """`fit` over the horizon that the gap is told of, where that is not too long.
+
+        Each stretch starts from a measured state, whose noise draws the values a little.
+        """
+        told = self.fit.told
+        if self.window is not None or sum(replay.steps for replay in told) > _MOST_STEPS:
+            return self.fit
+
+        def objective(replays: Sequence[Replay]) -> Objective:
+            floor = self.fit.objective.floor
+            return Objective(replays, self.channels, floor, n_threads=self.n_threads)
+
+        def remade(one: Replay, remake: Callable[[Robot], Robot]) -> Replay:
+            robot, threads = remake(one.robot), one.n_threads
+            return Replay(robot, one.segments, self.channels, hold=self.hold, n_threads=threads)
+
+        finer = tuple(objective([remade(one, remake) for one in told]) for remake in _FINER)
+        return replace(self.fit, objective=objective(told), finer=finer)
 
     @property
     def nothing(self) -> Structure:
@@ -170,20 +197,11 @@ def build(
                 return _spread(cut(mine, window), share, phase)
             return _spread([s for one in mine for s in stretches(one, stretch)], share, phase)
 
-        def finer(robot: Robot) -> Robot:
-            return robot.refined(REFINEMENT)
-
-        def otherwise(robot: Robot) -> Robot:
-            return robot.refined(REFINEMENT, other_integrator=True)
-
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
             told=replays(recordings, lambda mine, _: cut(mine, window)),
             objective=objective(replays(recordings, parts)),
-            finer=tuple(
-                objective(replays(recordings, parts, remade, scored))
-                for remade in (finer, otherwise)
-            ),
+            finer=tuple(objective(replays(recordings, parts, remade, scored)) for remade in _FINER),
         )
 
     step = float(min(robot.model.opt.timestep for robot in robots))
