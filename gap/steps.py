@@ -41,9 +41,6 @@ from walkerkit.gap.workflow import WINDOW, prepare
 
 FloatArray = NDArray[np.float64]
 
-_PASSES = 3  # of fitting and finding the numerical error again
-_SETTLED = 0.1  # of a parameter's scale
-
 
 def load(
     model: str | Path,
@@ -207,7 +204,8 @@ def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -
     first = np.array([slot.parameter.starts[0] for slot in structure.slots])
     starts = [(structure, np.clip(v, *structure.bounds)) for v in (structure.zero, first)]
     start = min(evaluate(objective, starts), key=lambda one: one.score)
-    (found,) = improve(objective, [start], race=[0], progress=progress)
+    objective.leave_as_simulated()
+    found, _ = polish(objective, start, progress=progress)
     left = [term for term in terms if not term.effect.ordinary]
     objective = problem.race.objective
     while left:
@@ -246,12 +244,10 @@ def _term(problem: Problem, name: str, sites: Sequence[str] | str) -> Term:
 
 
 def _settled(problem: Problem, found: Fit, progress: Progress | None) -> tuple[Fit, Slopes]:
-    """The fit to all recordings, in the light of its own numerical error."""
+    """The fit to all recordings; in the light of its numerical error where that promises more."""
     whole = problem.whole
-    for _ in range(_PASSES):
-        before = found
-        whole.refine(before)
-        found, slopes = polish(whole.objective, before, progress=progress)
-        if not (np.abs(found.values - before.values) > _SETTLED * found.structure.scale).any():
-            break
-    return found, slopes
+    whole.objective.leave_as_simulated()
+    found, slopes = polish(whole.objective, found, progress=progress)
+    whole.refine(found)
+    slopes.correct(whole.objective)
+    return polish(whole.objective, found, slopes, progress=progress)

@@ -157,6 +157,7 @@ def _fit(
 def polish(
     objective: Objective,
     start: Fit,
+    slopes: Slopes | None = None,
     *,
     iterations: int = 20,
     progress: Progress | None = None,
@@ -170,6 +171,7 @@ def polish(
     Args:
         objective: what to fit.
         start: structure and values; its score may be that on other recordings.
+        slopes: those there, where they are known.
         iterations: the most steps.
         progress: called before each step.
         stage: what it is told.
@@ -177,7 +179,8 @@ def polish(
     Returns:
         The fit, and the slopes there.
     """
-    (slopes,) = _linearised(objective, [start])
+    if slopes is None:
+        (slopes,) = _linearised(objective, [start])
     here = Case(structure=start.structure, values=start.values[None])
     best, _ = _best(objective, here, slopes.residual[None])
     for k in range(iterations if len(best.values) and np.isfinite(best.score) else 0):
@@ -229,6 +232,10 @@ class Slopes:
     fresh: bool = True
     right: bool = False
     sure: bool = True
+
+    def correct(self, objective: Objective) -> None:
+        """Takes out the numerical error that was found since."""
+        self.residual, self.jacobian = objective.corrected(self.residual, self.jacobian)
 
     def follow(self, step: FloatArray, residual: FloatArray, weights: FloatArray) -> None:
         """Moves on by a step, (n_parameters,) in scales, to where the residual is another."""

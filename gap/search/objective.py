@@ -109,6 +109,10 @@ class Objective:
         self.block = _blocks(replays)
         self._refined: OrderedDict[Hashable, FloatArray] = OrderedDict()
 
+    def leave_as_simulated(self) -> None:
+        """Takes no numerical error out of what will be simulated."""
+        self.numerical = np.zeros((0, *self.measured.shape))
+
     def refine(self, finer: Sequence[Objective], case: Case) -> None:
         """Takes the numerical error at some values as that of all that will be simulated.
 
@@ -117,7 +121,7 @@ class Objective:
                 integrator; none with numerical errors of its own taken out.
             case: one row of values.
         """
-        self.numerical = np.zeros((0, *self.measured.shape))
+        self.leave_as_simulated()
         key = (*case.structure.key, case.values.tobytes())
         if key not in self._refined:
             residuals = [one.residuals([case])[0][0] for one in (self, *finer)]
@@ -195,18 +199,23 @@ class Objective:
         Returns:
             Per case (rows, n_scored), and (n_moves, rows, n_scored) with NaN for what diverged.
         """
-        found = []
-        for residual, own in zip(_per_case(self._as_simulated(cases), cases), moves, strict=True):
-            changes, at = own.apart(residual[1:] - residual[:1]), residual[:1]
-            weights = self._numerical_weights(at)[0]
-            (factors,) = self._take_out_numerical_error(at)
-            low, high = np.array(_FACTORS[: len(factors)]).reshape(-1, 2).T
-            free = self.numerical[(low < factors) & (factors < high)]
-            along = np.einsum("c,irc,trc->it", weights, free, changes)
-            size = np.einsum("c,irc,jrc->ij", weights, free, free)
-            follow = np.linalg.pinv(size, hermitian=True) @ along
-            found.append((at[0], changes - np.einsum("it,irc->trc", follow, free)))
-        return found
+        simulated = _per_case(self._as_simulated(cases), cases)
+        return [
+            self.corrected(residual[0], own.apart(residual[1:] - residual[:1]))
+            for residual, own in zip(simulated, moves, strict=True)
+        ]
+
+    def corrected(self, residual: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A residual with its numerical error, (rows, n_scored), and changes of it, without."""
+        at = residual[None].copy()
+        weights = self._numerical_weights(at)[0]
+        (factors,) = self._take_out_numerical_error(at)
+        low, high = np.array(_FACTORS[: len(factors)]).reshape(-1, 2).T
+        free = self.numerical[(low < factors) & (factors < high)]
+        along = np.einsum("c,irc,trc->it", weights, free, changes)
+        size = np.einsum("c,irc,jrc->ij", weights, free, free)
+        follow = np.linalg.pinv(size, hermitian=True) @ along
+        return at[0], changes - np.einsum("it,irc->trc", follow, free)
 
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
         """(n of all cases, rows, n_scored) residuals with their numerical error."""
