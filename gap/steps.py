@@ -198,13 +198,13 @@ def fit(
 def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -> Fit:
     """A fit to little of the recordings, on which a step costs least."""
     objective = problem.screen.objective
+    objective.leave_as_simulated()
     # Together, since they would take each other's place if they came one by one.
     ordinary = tuple(term for term in terms if term.effect.ordinary)
     structure = Structure(ordinary, problem.robots)
     first = np.array([slot.parameter.starts[0] for slot in structure.slots])
     starts = [(structure, np.clip(v, *structure.bounds)) for v in (structure.zero, first)]
     start = min(evaluate(objective, starts), key=lambda one: one.score)
-    objective.leave_as_simulated()
     found, _ = polish(objective, start, progress=progress)
     left = [term for term in terms if not term.effect.ordinary]
     objective = problem.race.objective
@@ -248,6 +248,6 @@ def _settled(problem: Problem, found: Fit, progress: Progress | None) -> tuple[F
     whole = problem.whole
     whole.objective.leave_as_simulated()
     found, slopes = polish(whole.objective, found, progress=progress)
-    whole.refine(found)
+    whole.refine(found, slopes.residual)
     slopes.correct(whole.objective)
     return polish(whole.objective, found, slopes, progress=progress)

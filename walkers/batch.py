@@ -139,6 +139,7 @@ class LockStep:
         n_sims: number of simulations.
         fields: model field (or `opt.` field) to its per-simulation values, (n_sims, *field shape).
         n_threads: threads of the pool, 0 for all cores.
+        only_rollouts: it is not asked for single steps.
     """
 
     def __init__(
@@ -148,11 +149,13 @@ class LockStep:
         *,
         fields: Mapping[str, FloatArray] | None = None,
         n_threads: int = 0,
+        only_rollouts: bool = False,
     ):
         self.model = model
         self.n_sims = n_sims
         # Waking a second thread takes longer than a step of a few simulations.
-        self._batch = Batch(model, n_sims, 1 if n_sims < _WORTH_THREADS else n_threads)
+        alone = n_sims < (2 if only_rollouts else _WORTH_THREADS)
+        self._batch = Batch(model, n_sims, 1 if alone else n_threads)
         self._flags: NDArray[np.int32] | None = None
         for name, values in (fields or {}).items():
             self._batch.expand(name)[...] = values

@@ -109,6 +109,7 @@ def fit(problem: Problem, effects: Mapping[str, str]) -> tuple[tuple[Robot, ...]
         if slot.term.effect.name in _SURE:
             together[k] = slot.parameter.starts[0]
     together = np.clip(together, *structure.bounds)
+    problem.fit.refine(fitted.fit)
     objective = problem.fit.objective
     starts = evaluate(objective, [(structure, fitted.fit.values), (structure, together)])
     best = min(improve(objective, starts, iterations=_ITERATIONS), key=lambda one: one.score)

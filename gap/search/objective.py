@@ -113,18 +113,20 @@ class Objective:
         """Takes no numerical error out of what will be simulated."""
         self.numerical = np.zeros((0, *self.measured.shape))
 
-    def refine(self, finer: Sequence[Objective], case: Case) -> None:
+    def refine(self, finer: Sequence[Objective], case: Case, own: FloatArray | None = None) -> None:
         """Takes the numerical error at some values as that of all that will be simulated.
 
         Args:
             finer: the same recordings replayed at a finer timestep, then also with another
                 integrator; none with numerical errors of its own taken out.
             case: one row of values.
+            own: (rows, n_scored) their residual as simulated, where it is known.
         """
         self.leave_as_simulated()
         key = (*case.structure.key, case.values.tobytes())
         if key not in self._refined:
-            residuals = [one.residuals([case])[0][0] for one in (self, *finer)]
+            residuals = [self.residuals([case])[0][0] if own is None else own]
+            residuals += [one.residuals([case])[0][0] for one in finer]
             if not all(np.isfinite(residual).all() for residual in residuals):
                 residuals = residuals[:1]
             while len(self._refined) >= _REMEMBERED:

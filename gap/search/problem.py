@@ -55,9 +55,10 @@ class Half:
     objective: Objective
     finer: tuple[Objective, ...]
 
-    def refine(self, fit: Fit) -> None:
-        """Finds the simulation's numerical error at a fit."""
-        self.objective.refine(self.finer, Case(structure=fit.structure, values=fit.values[None]))
+    def refine(self, fit: Fit, residual: FloatArray | None = None) -> None:
+        """Finds the simulation's numerical error at a fit, whose residual with it may be known."""
+        case = Case(structure=fit.structure, values=fit.values[None])
+        self.objective.refine(self.finer, case, residual)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -287,10 +287,12 @@ class Replay:
             bend(state, trials, fields, group.played, carried)
         record = sorted({"qpos", *(_RECORDS[c.signal] for c in self.channels if not c.of_base)})
         each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
-        threads = self.n_threads
-        if laws is not None and laws.stepwise and n * n_segments < _WORTH_THREADS:
-            threads = 1  # which would wait for each other in every step
-        batch = LockStep(model, n * n_segments, fields=each, n_threads=threads)
+        stepwise = laws is not None and laws.stepwise
+        # Threads would wait for each other in every step.
+        threads = 1 if stepwise and n * n_segments < _WORTH_THREADS else self.n_threads
+        batch = LockStep(
+            model, n * n_segments, fields=each, n_threads=threads, only_rollouts=not stepwise
+        )
         applied = self._applied(group, trials, lead, steps)
         start = state.reshape(n * n_segments, -1)
         controls = ctrl[:, :, before:].reshape(n * n_segments, steps, -1)
