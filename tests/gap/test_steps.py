@@ -10,6 +10,7 @@ from walkerkit import gap
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.rehearsal.rehearse import rehearse
+from walkerkit.gap.search.objective import Case
 from walkerkit.gap.simulation.replay import Channel, Replay
 from walkerkit.gap.simulation.trials import Trials
 
@@ -85,6 +86,17 @@ class TestFit:
         row = next(line for line in str(fitted).splitlines() if "frictionloss" in line)
         assert row.split()[:3] == ["coulomb_friction", JOINT, "frictionloss"]
         assert "±" in row
+
+    def test_is_that_of_whole_rollouts_whatever_was_fitted_before(self, problem, fitted):
+        whole = problem.whole.objective
+        assert [len(r.segments) for r in whole.replays] == [len(problem.fit.recordings[0])]
+        again = gap.fit(problem, {"coulomb_friction": [JOINT]})
+        np.testing.assert_array_equal(again.fit.values, fitted.fit.values)
+        for share in (0.95, 1.05):
+            ((moved,),) = whole.mean_squares(
+                [Case(structure=fitted.fit.structure, values=share * fitted.fit.values[None])]
+            )
+            assert whole.score(moved) > fitted.fit.score
 
     def test_effects_stay_in_the_order_in_which_they_are_given(self, problem):
         found = gap.fit(problem, {"viscous_friction": "*", "coulomb_friction": "*"})

@@ -14,7 +14,7 @@ from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, JointEffect, Parameter
 from walkerkit.gap.effects.base import registered
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
-from walkerkit.gap.search.fit import INSENSITIVE, Fit, covariance, evaluate, fit
+from walkerkit.gap.search.fit import INSENSITIVE, Fit, covariance, evaluate, fit, jacobian, polish
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried
@@ -352,6 +352,62 @@ def problem():
     recording = run(robot, dof_damping=0.35, dof_armature=0.02)
     robot = sized(robot, recording)
     return robot, recording, objective(robot, [recording], (POSITION, EFFORT))
+
+
+class TestPolish:
+    def test_finds_the_best_in_fewer_simulations(self, problem):
+        robot, recording, _ = problem
+        rows = []
+
+        class Counted(Objective):
+            def _as_simulated(self, cases):
+                rows.append(sum(len(case.values) for case in cases))
+                return super()._as_simulated(cases)
+
+        replay = Replay(robot, whole(recording), (POSITION, EFFORT))
+        one = Counted([replay], (POSITION, EFFORT), np.full(2, 1e-4))
+        tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
+        (near,) = evaluate(one, [(tried, np.array([0.24, 0.021]))])
+        rows.clear()
+        (expected,) = fit(one, [near])
+        by_fit = sum(rows)
+        rows.clear()
+        found, slopes = polish(one, near)
+        assert sum(rows) < 0.5 * by_fit
+        assert found.score == pytest.approx(expected.score, abs=3e-4)
+        np.testing.assert_allclose(found.values, expected.values, rtol=1e-3)
+        np.testing.assert_array_equal(
+            slopes.residual, one.residuals([Case(structure=tried, values=found.values[None])])[0][0]
+        )
+        scale = np.abs(jacobian(one, found)).max(axis=(1, 2), keepdims=True)
+        np.testing.assert_allclose(slopes.jacobian / scale, jacobian(one, found) / scale, atol=0.02)
+        for own, known in zip(
+            covariance(one, found), covariance(one, found, slopes=slopes), strict=True
+        ):
+            np.testing.assert_allclose(own, known, rtol=0.1, atol=1e-12)
+
+    def test_from_afar_damps_its_steps(self, problem):
+        robot, _, one = problem
+        tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
+        far = Fit(structure=tried, values=tried.bounds[1], score=np.inf, mean_square=np.zeros(2))
+        found, _ = polish(one, far)
+        np.testing.assert_allclose(found.values, [0.25, 0.02], rtol=1e-3)
+
+    def test_numerical_error_is_taken_out_of_slopes_without_simulating_them_again(self, problem):
+        robot, recording, _ = problem
+        one, finer = (
+            objective(model, [recording], (POSITION, EFFORT)) for model in (robot, robot.refined(2))
+        )
+        tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
+        case = Case(structure=tried, values=np.array([[0.2, 0.01]]))
+        (start,) = evaluate(one, [(tried, case.values[0])])
+        _, slopes = polish(one, start, iterations=0)
+        one.refine([finer], case, slopes.residual)
+        assert one.numerical.any()
+        slopes.correct(one)
+        _, simulated = polish(one, start, iterations=0)
+        np.testing.assert_allclose(slopes.residual, simulated.residual, atol=1e-12)
+        np.testing.assert_allclose(slopes.jacobian, simulated.jacobian, atol=1e-9)
 
 
 class TestFit:
