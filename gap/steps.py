@@ -172,10 +172,10 @@ def fit(
     robots = tuple(
         mend(found.structure.trials(robot, found.values[None])) for robot in problem.robots
     )
-    nothing = np.zeros((0, 0)), np.zeros(0)
-    variance, sensitivity = (
-        covariance(problem.whole.objective, found, problem.noise, slopes) if effects else nothing
-    )
+    variance, sensitivity = np.zeros((0, 0)), np.zeros(0)
+    if effects:
+        whole, part = problem.whole.objective, problem.screen.objective
+        variance, sensitivity = covariance(whole, found, problem.noise, slopes, part)
     before, after = (replay_half(problem, "held", some) for some in (problem.robots, robots))
     order = list(effects)
     terms = sorted(found.structure.terms, key=lambda term: order.index(term.effect.name))

@@ -454,6 +454,7 @@ def covariance(
     one: Fit,
     noise: FloatArray | None = None,
     slopes: Slopes | None = None,
+    part: Objective | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance of the values, and how much each matters.
 
@@ -470,6 +471,7 @@ def covariance(
         one: the fit.
         noise: (n_scored,) noise of the channels, to allow for the model's error; None for none.
         slopes: of the fit, where they are known.
+        part: of the recordings, on which it is seen how jagged the gap is; all by default.
 
     Returns:
         (n_parameters, n_parameters) covariance, and (n_parameters,) sensitivities: the squared
@@ -477,13 +479,29 @@ def covariance(
         scored channels. Below `INSENSITIVE` the recordings say nothing of it, and `fit` leaves it
         where it started.
     """
-    (slopes,) = _linearised(objective, [one])
-    (secants,) = _linearised(objective, [one], part=_SECANT)
+    if slopes is None:
+        (slopes,) = _linearised(objective, [one])
     normal, _ = _normal_equations(objective, one, slopes)
-    found, wide = (_covariance(objective, one, each, noise) for each in (slopes, secants))
-    own = np.maximum(np.diag(found), 1e-300)
-    wider = np.sqrt(np.maximum(own, np.diag(wide)) / own) * one.structure.scale
+    found = _covariance(objective, one, slopes, noise)
+    near, there = (slopes, one) if part is None else _slopes_on(part, one)
+    wider = _wider(part or objective, there, near, noise) * one.structure.scale
     return found * np.outer(wider, wider), _sensitivity(one, normal)
+
+
+def _slopes_on(part: Objective, one: Fit) -> tuple[Slopes, Fit]:
+    """The slopes of a fit on other recordings, and its gaps there."""
+    (slopes,) = _linearised(part, [one])
+    case = Case(structure=one.structure, values=one.values[None])
+    return slopes, _best(part, case, slopes.residual[None])[0]
+
+
+def _wider(objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray | None) -> FloatArray:
+    """(n_parameters,) by how many times their errors are larger by slopes over more; 1 at least."""
+    (secants,) = _linearised(objective, [one], part=_SECANT)
+    own, wide = (np.diag(_covariance(objective, one, each, noise)) for each in (slopes, secants))
+    felt = own > 0
+    wider: FloatArray = np.sqrt(np.maximum(wide / np.where(felt, own, 1.0), 1.0))
+    return np.where(felt, wider, 1.0)
 
 
 def _covariance(
