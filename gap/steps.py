@@ -32,6 +32,7 @@ from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces
 from walkerkit.gap.search.fit import Fit, Progress, Slopes, covariance, evaluate, polish
 from walkerkit.gap.search.fit import fit as improve
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.scan import scanned
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.structure import Structure, Term, candidate_terms
 from walkerkit.gap.simulation.commands import Hold
@@ -217,6 +218,7 @@ def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -
         tried = improve(objective, screen(objective, found, left), iterations=2)
         best = int(np.argmin([one.score for one in tried]))
         (found,) = improve(objective, [tried[best]], progress=progress)
+        found = scanned(objective, found)
         del left[best]
     return found
 

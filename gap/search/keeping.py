@@ -43,7 +43,8 @@ def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
             break
     base = weigh(problem, [current])
     if not at_floor(problem, current, base):
-        better = scanned(problem, current)
+        problem.race.refine(current)
+        better = scanned(objective, current, on=problem.race.objective)
         if better is not current:
             problem.refine(better)
             current, base = better, weigh(problem, [better])

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.fit import Fit, evaluate, fit
-from walkerkit.gap.search.objective import Case
-from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
@@ -23,21 +22,21 @@ _STEPS = 4
 _BETTER = 0.01  # of a score, for another start to be worth a fit
 
 
-def scanned(problem: Problem, current: Fit) -> Fit:
+def scanned(objective: Objective, current: Fit, on: Objective | None = None) -> Fit:
     """The fit, or a better one that begins where a number of its last effect is another.
 
     Args:
-        problem: what is to be explained.
-        current: a fit to all recordings that are fitted.
+        objective: the recordings that it was fitted to.
+        current: the fit.
+        on: fewer recordings, on which to look around; all by default.
     """
-    race, objective, structure = problem.race.objective, problem.fit.objective, current.structure
+    on, structure = on or objective, current.structure
     if not structure.terms or not structure.terms[-1].effect.fitted:
         return current
-    problem.race.refine(current)
     for _ in range(_PASSES):
         tried = np.vstack([current.values, _around(structure, current.values)])
         case = Case(structure=structure, values=tried)
-        scores = race.score(race.mean_squares([case])[0])
+        scores = on.score(on.mean_squares([case])[0])
         best = int(np.argmin(scores))
         if not scores[best] < scores[0] - _BETTER:
             break

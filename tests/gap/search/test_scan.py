@@ -62,12 +62,13 @@ def test_a_limit_that_is_never_met_is_found_again(problem: Problem) -> None:
     (start,) = evaluate(objective, [(structure, never)])
     (stuck,) = fit(objective, [start])
     assert stuck.values == never
-    found = scanned(problem, stuck)
+    found = scanned(objective, stuck)
     assert found.score < stuck.score - 1.0
     assert found.values == pytest.approx([LIMIT], rel=0.02)
-    assert scanned(problem, found) is found
+    assert scanned(objective, found) is found
 
 
 def test_nothing_is_nowhere_else(problem: Problem) -> None:
-    (nothing,) = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])
-    assert scanned(problem, nothing) is nothing
+    objective = problem.fit.objective
+    (nothing,) = evaluate(objective, [(problem.nothing, np.zeros(0))])
+    assert scanned(objective, nothing) is nothing
