@@ -40,11 +40,11 @@ def scanned(objective: Objective, current: Fit, on: Objective | None = None) -> 
         best = int(np.argmin(scores))
         if not scores[best] < scores[0] - _BETTER:
             break
-        found = evaluate(objective, [(structure, tried[best])])
-        (found[0],) = fit(objective, found, iterations=_STEPS)
-        if not found[0].score < current.score - _BETTER:
+        start = evaluate(objective, [(structure, tried[best])])
+        (found,) = fit(objective, start, iterations=_STEPS)
+        if not found.score < current.score - _BETTER:
             break
-        (current,) = found
+        current = found
     return current
 
 
