@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.gap.search.test_naming import LEG, problem_of
 from walkerkit.gap.search.evidence import Evidence
-from walkerkit.gap.search.worth import close_to
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.worth import close_to, worth_it
 from walkerkit.gap.search.worth import confidence as confidence_of
 
 
@@ -53,3 +57,41 @@ def test_confidence_is_shared_with_equals(scores: tuple[float, ...], confidence:
 def test_confidence_falls_as_the_evidence_blurs() -> None:
     sure, blurred = (confidence_of(evidence(-3.0, -2.8, spread=s), 5) for s in (0.05, 0.3))
     assert 0.5 < blurred < sure <= 1
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    """A leg like its model; only its noise matters here."""
+    model = tmp_path_factory.mktemp("leg") / "leg.xml"
+    model.write_text(LEG)
+    return problem_of(model, ())
+
+
+@pytest.mark.parametrize(
+    ("gain", "by_chance", "effects", "worth"),
+    [
+        (0.30, 0.10, 1, True),
+        (0.30, 0.10, 2, False),  # a second effect has to bring half as much again
+        (0.40, 0.10, 2, True),
+        (0.30, 0.20, 1, False),
+        (0.10, 0.10, 1, False),
+        (0.10, 0.02, 1, True),
+        (0.03, 0.00, 1, False),
+    ],
+)
+def test_a_large_gain_may_rest_on_few_blocks(
+    problem: Problem, gain: float, by_chance: float, effects: int, worth: bool
+) -> None:
+    before = 50 * problem.noise
+    sizes = np.stack([before, before * np.exp(-gain)])
+    scores = np.log(sizes).mean(axis=1)
+    resampled = np.tile(scores, (200, 1))
+    resampled[: round(200 * by_chance)] = scores[::-1]
+    made_up = replace(
+        evidence(*scores),
+        mean_square=sizes**2,
+        fitted_mean_square=sizes**2,
+        held_resampled=resampled,
+        both_resampled=resampled,
+    )
+    assert worth_it(problem, made_up, 1, effects=effects) is worth
