@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
-from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 
 FloatArray = NDArray[np.float64]
@@ -104,7 +104,7 @@ def _weigh(problem: Problem, fits: Sequence[Fit]) -> Evidence:
 
 
 def _scores(objective: Objective, fits: Sequence[Fit]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    cases = [Case(structure=fit.structure, values=fit.values[None]) for fit in fits]
+    cases = [fit.case for fit in fits]
     squares = np.stack(
         [
             objective.block_squares(residual[0])

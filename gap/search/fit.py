@@ -51,6 +51,11 @@ class Fit:
     score: float
     mean_square: FloatArray
 
+    @property
+    def case(self) -> Case:
+        """Its values, to be simulated."""
+        return Case(structure=self.structure, values=self.values[None])
+
 
 def evaluate(objective: Objective, fits: Sequence[tuple[Structure, FloatArray]]) -> list[Fit]:
     """Simulates structures at given values, without fitting."""
@@ -181,8 +186,7 @@ def polish(
     """
     if slopes is None:
         (slopes,) = _linearised(objective, [start])
-    here = Case(structure=start.structure, values=start.values[None])
-    best, _ = _best(objective, here, slopes.residual[None])
+    best, _ = _best(objective, start.case, slopes.residual[None])
     for k in range(iterations if len(best.values) and np.isfinite(best.score) else 0):
         if progress:
             progress(stage, k / iterations)
@@ -482,26 +486,23 @@ def covariance(
     if slopes is None:
         (slopes,) = _linearised(objective, [one])
     normal, _ = _normal_equations(objective, one, slopes)
-    found = _covariance(objective, one, slopes, noise)
-    near, there = (slopes, one) if part is None else _slopes_on(part, one)
-    wider = _wider(part or objective, there, near, noise) * one.structure.scale
+    found = near = _covariance(objective, one, slopes, noise)
+    there = one
+    if part is not None:
+        (slopes,) = _linearised(part, [one])
+        there, _ = _best(part, one.case, slopes.residual[None])
+        near = _covariance(part, there, slopes, noise)
+    (secants,) = _linearised(part or objective, [there], part=_SECANT)
+    wide = _covariance(part or objective, there, secants, noise)
+    wider = _wider(np.diag(near), np.diag(wide)) * one.structure.scale
     return found * np.outer(wider, wider), _sensitivity(one, normal)
 
 
-def _slopes_on(part: Objective, one: Fit) -> tuple[Slopes, Fit]:
-    """The slopes of a fit on other recordings, and its gaps there."""
-    (slopes,) = _linearised(part, [one])
-    case = Case(structure=one.structure, values=one.values[None])
-    return slopes, _best(part, case, slopes.residual[None])[0]
-
-
-def _wider(objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray | None) -> FloatArray:
-    """(n_parameters,) by how many times their errors are larger by slopes over more; 1 at least."""
-    (secants,) = _linearised(objective, [one], part=_SECANT)
-    own, wide = (np.diag(_covariance(objective, one, each, noise)) for each in (slopes, secants))
-    felt = own > 0
-    wider: FloatArray = np.sqrt(np.maximum(wide / np.where(felt, own, 1.0), 1.0))
-    return np.where(felt, wider, 1.0)
+def _wider(near: FloatArray, wide: FloatArray) -> FloatArray:
+    """(n_parameters,) by how many times the errors of one variance are larger; 1 at least."""
+    felt = near > 0
+    ratio: FloatArray = np.sqrt(np.maximum(wide / np.where(felt, near, 1.0), 1.0))
+    return np.where(felt, ratio, 1.0)
 
 
 def _covariance(

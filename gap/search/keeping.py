@@ -15,7 +15,7 @@ import numpy as np
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import Fit, certainty, evaluate, fit
-from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned
@@ -32,19 +32,16 @@ _CERTAIN = 2.0  # standard errors from where a value leaves the robot unchanged
 
 def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
     """The fit in the light of its own numerical error, which the problem has from then on."""
-    objective = problem.fit.objective
     for _ in range(_PASSES):
         before = current.values
-        problem.refine(current)
-        start = evaluate(objective, [(current.structure, before)])[0]
-        current = fit(objective, [start], iterations=_REFITS)[0]
+        current = _refitted(problem, current)
         moved = np.abs(current.values - before) / current.structure.scale
         if not (moved > _SETTLED).any():
             break
     base = weigh(problem, [current])
     if not at_floor(problem, current, base):
         problem.race.refine(current)
-        better = scanned(objective, current, on=problem.race.objective)
+        better = scanned(problem.fit.objective, current, on=problem.race.objective)
         if better is not current:
             problem.refine(better)
             current, base = better, weigh(problem, [better])
@@ -53,11 +50,16 @@ def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
 
 def finalist(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
     """As the present explanation was: fitted to all recordings, its numerical error its own."""
+    current = _refitted(problem, current)
+    return current, weigh(problem, [current])
+
+
+def _refitted(problem: Problem, current: Fit) -> Fit:
     objective = problem.fit.objective
     problem.refine(current)
-    (start,) = evaluate(objective, [(current.structure, current.values)])
-    (current,) = fit(objective, [start], iterations=_REFITS)
-    return current, weigh(problem, [current])
+    start = evaluate(objective, [(current.structure, current.values)])
+    (found,) = fit(objective, start, iterations=_REFITS)
+    return found
 
 
 def at_floor(problem: Problem, current: Fit, base: Evidence) -> bool:
@@ -68,7 +70,7 @@ def at_floor(problem: Problem, current: Fit, base: Evidence) -> bool:
     """
     held, noise = problem.held, problem.noise
     told = Objective(held.told, problem.channels, held.objective.floor)
-    as_told = told.as_it_is([Case(structure=current.structure, values=current.values[None])])[0][0]
+    as_told = told.as_it_is([current.case])[0][0]
     # What half the timestep changes is taken out already, though not to the last digit.
     blurred = np.minimum(np.hypot(noise, held.objective.numerical_size()), _BLURRED * noise)
     return bool(

@@ -121,8 +121,7 @@ def _simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -
         if not term.effect.fitted
     ]
     objective = problem.held.objective
-    as_given = Case(structure=nothing.structure, values=nothing.values[None])
-    before = objective.as_it_is([as_given])[0][0]
+    before = objective.as_it_is([nothing.case])[0][0]
     motion = np.nanstd(objective.measured, axis=0)
     of_position = np.array([channel.signal == "position" for channel in objective.channels])
     least = np.maximum(_FAR_ABOVE * problem.noise, _OF_THE_MOTION * motion)

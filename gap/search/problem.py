@@ -13,7 +13,7 @@ from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.fit import Fit
-from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.structure import Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
@@ -57,8 +57,7 @@ class Half:
 
     def refine(self, fit: Fit, residual: FloatArray | None = None) -> None:
         """Finds the simulation's numerical error at a fit, whose residual with it may be known."""
-        case = Case(structure=fit.structure, values=fit.values[None])
-        self.objective.refine(self.finer, case, residual)
+        self.objective.refine(self.finer, fit.case, residual)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -265,7 +265,7 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
         The view, with a candidate per term in their order, and then those with a value for each.
     """
     objective = half.objective
-    own = Case(structure=current.structure, values=current.values[None])
+    own = current.case
     (simulated,) = objective.simulated([own])[0]
     slopes = jacobian(objective, current)
     slopes = slopes[np.square(slopes).sum(axis=(1, 2)) > 0]

@@ -123,8 +123,9 @@ class Tries:
     def like(self, others: Structure, effect: Effect) -> frozenset[str] | None:
         """Effects that promised enough, when last seen without this one, to stand in for it."""
         best: dict[str, float] = {}
+        names = {name for name, _, _ in others.key}
         for key, promised in self._promised.items():
-            if effect.name in promised and {name for name, _, _ in key} <= set(_names(others)):
+            if effect.name in promised and {name for name, _, _ in key} <= names:
                 best = promised
         if best.get(effect.name, 0.0) <= 0:
             return None
@@ -200,10 +201,6 @@ class Tries:
 
 def _key(structure: Structure) -> _Key:
     return frozenset(structure.key)
-
-
-def _names(structure: Structure) -> list[str]:
-    return [term.effect.name for term in structure.terms]
 
 
 def _promised(view: View) -> dict[str, float]:
