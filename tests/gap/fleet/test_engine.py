@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from joblib.externals.loky import get_reusable_executor
 
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.fleet import clusters
@@ -27,6 +28,7 @@ def jobs(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     known = os.environ.get("PYTHONPATH")
     monkeypatch.setenv("PYTHONPATH", f"{folder}:{known}" if known else folder)
     monkeypatch.setenv("RAY_worker_niceness", "0")  # other tests run beside these
+    get_reusable_executor().shutdown()  # workers of other tests would not find it
     return importlib.import_module("fleet_jobs")
 
 
