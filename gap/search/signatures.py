@@ -14,6 +14,7 @@ be kept is fitted.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.fit import Fit, jacobian
-from walkerkit.gap.search.objective import Case, Moves, Objective
+from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.problem import Half
 from walkerkit.gap.search.structure import Structure, Term, carried
 
@@ -31,6 +32,8 @@ Single = NDArray[np.float32]
 _SWEEPS = 4  # of least squares, each with the weights that the gaps of the last one give
 _RIDGE = 1e-6  # of a change's own size
 _OF_THE_BEST = 0.5  # of its promise, which an effect has to reach to be looked at joint by joint
+_MOST_HOPEFUL, _HOPEFUL = 14, 0.3  # effects tried place by place, and those near the best
+_MAGNITUDES = 2  # of an effect, that are tried at each place
 _NEEDED = 0.02  # a place that promises less, summed over the channels, is left out
 
 
@@ -270,44 +273,115 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     slopes = jacobian(objective, current)
     slopes = slopes[np.square(slopes).sum(axis=(1, 2)) > 0]
     nuisance = np.concatenate([slopes, objective.numerical])
-    found = _simulate(objective, current, simulated, terms)
+    hopeful = _hopeful(objective, current, simulated, terms)
+    found = _simulate(objective, current, simulated, hopeful)
     view = View(objective, current, simulated, nuisance, found)
     best = view.channels * (view.score - min(view.promise([i]) for i in range(len(terms))))
     least = max(_NEEDED, _OF_THE_BEST * best)
-    view.extend(
-        _simulate(
-            objective,
-            current,
-            simulated,
-            [
-                replace(term, shared=False)
-                for term, one in zip(terms, found, strict=True)
-                if term.shared and _promise_apart(objective, simulated, one.changes) > least
-            ],
-        )
-    )
+    apart = [
+        _tries(current, replace(term, shared=False))
+        for term, one in zip(terms, found, strict=True)
+        if term.shared and _promise_apart(objective, simulated, one.changes) > least
+    ]
+    view.extend(_simulate(objective, current, simulated, apart))
     return view
 
 
 def _promise_apart(objective: Objective, residual: FloatArray, changes: Single) -> float:
     """What a change of all joints takes off the score, by another multiple in every channel."""
+    return float(max(_promises(objective, residual, changes).sum(axis=1), default=0.0))
+
+
+def _hopeful(
+    objective: Objective, current: Fit, simulated: FloatArray, terms: Sequence[Term]
+) -> list[_Tries]:
+    """The magnitudes of every term that are worth a simulation of their own at each place.
+
+    An effect of many places is first tried at all of them at once. What then promises little,
+    whatever multiple of the change each channel may take, is not tried further.
+    """
+    tries = [_tries(current, term) for term in terms]
+    several = [k for k, one in enumerate(tries) if len(one.term.places) > 1]
+    cases = [tries[k].at_once(current) for k in several]
+    (residual,) = objective.residuals([current.case])[0]
+    joints = [channel.joint for channel in objective.channels]
+    of_joint = np.array([[joint == own for own in joints] for joint in dict.fromkeys(joints)])
+    promised: dict[int, FloatArray] = {}
+    for group in objective.grouped(cases):
+        for k, block in zip(several[group], objective.simulated(cases[group]), strict=True):
+            promised[k] = _promises(objective, residual, (block - simulated).astype(np.float32))
+    # What one joint lacks is not to drown in what the others would take of their noise.
+    most = {k: _largest(one @ of_joint.T) for k, one in promised.items()}
+    order = sorted(several, key=lambda k: -most[k])
+    least = _HOPEFUL * max(most.values(), default=0.0)
+    for place, k in enumerate(order):
+        worth = most[k] > 0 and (place < _MOST_HOPEFUL or most[k] >= least)
+        kept = _best_magnitudes(tries[k], promised[k], joints) if worth else []
+        tries[k] = tries[k].some(kept)
+    return tries
+
+
+def _best_magnitudes(
+    tries: _Tries, promised: FloatArray, of_joint: Sequence[str | None]
+) -> list[int]:
+    """Indices of the tries that promise most in the channels of their own place, few for each.
+
+    Args:
+        tries: the tries.
+        promised: (n_magnitudes, n_scored) what each takes off, at all places at once.
+        of_joint: (n_scored,) whose channel each is.
+    """
+    kept = []
+    for place in dict.fromkeys(tries.places):
+        here = [k for k, other in enumerate(tries.places) if other == place]
+        own = [joint == place for joint in of_joint]
+        merit = promised[: len(here), own if any(own) else slice(None)].sum(axis=1)
+        best = np.argsort(-np.nan_to_num(merit, nan=np.inf), kind="stable")[:_MAGNITUDES]
+        kept += [here[k] for k in sorted(best)]
+    return kept
+
+
+def _promises(objective: Objective, residual: FloatArray, changes: Single) -> FloatArray:
+    """What as much of each change as suits a channel takes off its ½ log, (n, n_scored).
+
+    NaN for what diverged.
+    """
     along = np.einsum("trc,rc->tc", changes, residual, dtype=np.float64)
     size = np.einsum("trc,trc->tc", changes, changes, dtype=np.float64)
     taken = np.where(along < 0, along**2, 0.0) / np.maximum(size, 1e-300)
+    taken[np.isnan(size)] = np.nan
     before = np.square(residual).sum(axis=0)
     floor = objective.count * objective.floor**2
     left = np.maximum(before - taken, 0.0) + floor
-    return float(max(0.5 * np.log((before + floor) / left).sum(axis=1), default=0.0))
+    promised: FloatArray = 0.5 * np.log((before + floor) / left)
+    return promised
+
+
+def _largest(promised: FloatArray) -> float:
+    """Of what is known; that nothing is known promises everything."""
+    return float(np.nanmax(promised)) if np.isfinite(promised).any() else np.inf
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Tries:
-    """A term's values at its places, (n_tries,) each, and the rows in which they are simulated."""
+    """A term's values at its places, (n_tries,) each, and the only branches that they can change.
+
+    Those of a place come one after the other.
+    """
 
     term: Term
     places: tuple[str, ...]
     values: tuple[FloatArray, ...]
-    moves: Moves
+    branches: tuple[int | None, ...]
+
+    def some(self, kept: Sequence[int]) -> _Tries:
+        """Some of the tries."""
+        return replace(
+            self,
+            places=tuple(self.places[k] for k in kept),
+            values=tuple(self.values[k] for k in kept),
+            branches=tuple(self.branches[k] for k in kept),
+        )
 
     def case(self, current: Fit, row: NDArray[np.intp]) -> Case:
         """The tries in the given rows, (n_tries,), on top of a fit."""
@@ -318,16 +392,26 @@ class _Tries:
             values[k, structure.columns(self.term, place)] = own
         return Case(structure=structure, values=values)
 
+    def at_once(self, current: Fit) -> Case:
+        """The first tries of all places in one row, the second in another, and so on."""
+        seen = Counter[str]()
+        row = np.empty(len(self.places), dtype=np.intp)
+        for k, place in enumerate(self.places):
+            row[k] = seen[place]
+            seen[place] += 1
+        return self.case(current, row)
+
 
 def _simulate(
-    objective: Objective, current: Fit, simulated: FloatArray, terms: Sequence[Term]
+    objective: Objective, current: Fit, simulated: FloatArray, tries: Sequence[_Tries]
 ) -> list[_Simulated]:
-    tries = [_tries(objective, current, term) for term in terms]
-    cases = [one.case(current, one.moves.row) for one in tries]
+    moves = [objective.moves(one.branches) for one in tries]
+    cases = [one.case(current, own.row) for one, own in zip(tries, moves, strict=True)]
     found = []
     for group in objective.grouped(cases):
-        for one, block in zip(tries[group], objective.simulated(cases[group]), strict=True):
-            changes: Single = one.moves.apart((block - simulated).astype(np.float32))
+        blocks = objective.simulated(cases[group])
+        for one, own, block in zip(tries[group], moves[group], blocks, strict=True):
+            changes: Single = own.apart((block - simulated).astype(np.float32))
             failed = ~np.isfinite(changes).all(axis=(1, 2))
             if failed.any() and len(block) < len(changes):  # one may have taken others with it
                 alone = one.case(current, np.arange(len(changes)))
@@ -346,7 +430,7 @@ def _simulate(
     return found
 
 
-def _tries(objective: Objective, current: Fit, term: Term) -> _Tries:
+def _tries(current: Fit, term: Term) -> _Tries:
     """Each magnitude at each place."""
     structure = current.structure.with_term(term)
     lower, upper = structure.bounds
@@ -358,6 +442,4 @@ def _tries(objective: Objective, current: Fit, term: Term) -> _Tries:
             places.append(place)
             values.append(np.clip(magnitude, lower[columns], upper[columns]))
             only.append(structure.branches[columns[0]])
-    return _Tries(
-        term=term, places=tuple(places), values=tuple(values), moves=objective.moves(only)
-    )
+    return _Tries(term=term, places=tuple(places), values=tuple(values), branches=tuple(only))
