@@ -83,7 +83,7 @@ def fit(
     *,
     iterations: int = 8,
     race: Sequence[int] | None = None,
-    near: Fit | None = None,
+    near: Slopes | None = None,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> list[Fit]:
@@ -95,7 +95,7 @@ def fit(
         iterations: the most steps any of them may take.
         race: the race that each start is in, to give up on a structure that is too far behind the
             best of its race to catch up at its pace; None to take all to their end.
-        near: a fit that has numbers in common with all starts, which begin with its slopes.
+        near: slopes of a fit that has numbers in common with all starts, to begin with.
         progress: called before each step.
         stage: what it is told.
 
@@ -113,7 +113,7 @@ def _fit(
     starts: Sequence[Fit],
     iterations: int,
     race: Sequence[int] | None,
-    near: Fit | None,
+    near: Slopes | None,
     progress: Progress | None,
     stage: str,
 ) -> list[Fit]:
@@ -122,7 +122,7 @@ def _fit(
     taken = dict.fromkeys(active, 0)
     slopes: dict[int, Slopes] = {}
     size = sum(len(best[i].values) for i in active) * objective.measured.nbytes
-    if near is not None and len(near.values) and size <= _KEPT:
+    if near is not None and len(near.jacobian) and size <= _KEPT:
         slopes = dict(zip(active, _near(objective, near, [best[i] for i in active]), strict=True))
     while active:
         if progress:
@@ -165,6 +165,7 @@ def polish(
     slopes: Slopes | None = None,
     *,
     iterations: int = 20,
+    certain: bool = True,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> tuple[Fit, Slopes]:
@@ -178,6 +179,8 @@ def polish(
         start: structure and values; its score may be that on other recordings.
         slopes: those there, where they are known.
         iterations: the most steps.
+        certain: slopes that were right along the last step may be wrong elsewhere; do not end on
+            them.
         progress: called before each step.
         stage: what it is told.
 
@@ -185,7 +188,7 @@ def polish(
         The fit, and the slopes there.
     """
     if slopes is None:
-        (slopes,) = _linearised(objective, [start])
+        slopes = linearised(objective, start)
     best, _ = _best(objective, start.case, slopes.residual[None])
     for k in range(iterations if len(best.values) and np.isfinite(best.score) else 0):
         if progress:
@@ -194,7 +197,7 @@ def polish(
         trials = _steps(best, normal, gradient)
         step = (trials[0] - best.values) / best.structure.scale
         promised = -float(step @ (gradient + 0.5 * normal @ step))
-        if promised < _CONVERGED and slopes.sure:
+        if promised < _CONVERGED and (slopes.sure or (slopes.right and not certain)):
             break
         fresh, gain = slopes.fresh, 0.0
         if promised >= _CONVERGED:
@@ -210,8 +213,37 @@ def polish(
         if gain < _CONVERGED:
             if fresh:
                 break
-            (slopes,) = _linearised(objective, [best])
+            slopes = linearised(objective, best)
     return best, slopes
+
+
+def polished(
+    objective: Objective,
+    start: Fit,
+    near: Slopes | None = None,
+    *,
+    iterations: int,
+    certain: bool = True,
+) -> Fit:
+    """What `polish` finds, from the journal where it has it.
+
+    Args:
+        objective: what to fit.
+        start: structure and values.
+        near: slopes of a fit that has numbers in common with it, to begin with.
+        iterations: the most steps.
+        certain: as there.
+    """
+
+    def make() -> list[Fit]:
+        slopes = None
+        if near is not None and len(near.jacobian):
+            slopes = next(_near(objective, near, [start]))
+        found, _ = polish(objective, start, slopes, iterations=iterations, certain=certain)
+        return [found]
+
+    (found,) = _finished([(start.structure, start.values)], make)
+    return found
 
 
 @dataclass(kw_only=True)
@@ -222,6 +254,7 @@ class Slopes:
     little as makes them right along that step (Broyden, Mathematics of Computation 19, 1965).
 
     Attributes:
+        structure: that of the fit.
         residual: (rows, n_scored).
         jacobian: (n_parameters, rows, n_scored) per scale.
         simulated: how many simulations that took; few are not worth carrying along.
@@ -230,6 +263,7 @@ class Slopes:
         sure: they are of this very fit, or said what the only step since then would change.
     """
 
+    structure: Structure
     residual: FloatArray
     jacobian: FloatArray
     simulated: int
@@ -254,9 +288,8 @@ class Slopes:
         self.fresh, self.sure = False, self.fresh and self.right
 
 
-def _near(objective: Objective, near: Fit, starts: Sequence[Fit]) -> Iterator[Slopes]:
+def _near(objective: Objective, near: Slopes, starts: Sequence[Fit]) -> Iterator[Slopes]:
     """Slopes to begin with: those of another fit for the numbers that it has, others simulated."""
-    (known,) = _linearised(objective, [near])
     places = [found_in(start.structure, near.structure) for start in starts]
     own = [np.flatnonzero(place < 0) for place in places]
     for start, place, slopes in zip(
@@ -266,7 +299,7 @@ def _near(objective: Objective, near: Fit, starts: Sequence[Fit]) -> Iterator[Sl
         slopes.jacobian = np.where(
             (place < 0)[:, None, None],
             slopes.jacobian,
-            known.jacobian[place] * scale[:, None, None],
+            near.jacobian[place] * scale[:, None, None],
         )
         slopes.fresh = slopes.sure = False
         slopes.simulated = len(place)
@@ -396,7 +429,10 @@ def _linearised(
             jacobian = np.zeros((len(one.values), *residual.shape))
             jacobian[some] = np.where(np.isfinite(slope), slope, 0.0)  # 0 for what diverged
             yield Slopes(
-                residual=residual, jacobian=jacobian, simulated=len(perturbed.case.values) - 1
+                structure=one.structure,
+                residual=residual,
+                jacobian=jacobian,
+                simulated=len(perturbed.case.values) - 1,
             )
 
 
@@ -410,20 +446,17 @@ def _normal_equations(
     return flat @ jacobian.T, flat @ slopes.residual.ravel()
 
 
-def jacobian(objective: Objective, one: Fit) -> FloatArray:
-    """(n_parameters, rows, n_scored) what each parameter changes, per scale."""
-    if not len(one.values):
-        return np.zeros((0, *objective.measured.shape))
+def linearised(objective: Objective, one: Fit) -> Slopes:
+    """The slopes at a fit."""
     (found,) = _linearised(objective, [one])
-    return found.jacobian
+    return found
 
 
-def losses(objective: Objective, one: Fit) -> FloatArray:
+def losses(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
     """(n_parameters,) by how much the score rises, by the slopes, where each is at its zero.
 
     The other parameters follow.
     """
-    (slopes,) = _linearised(objective, [one])
     normal, _ = _normal_equations(objective, one, slopes)
     variance = np.diag(np.linalg.pinv(normal, rcond=1e-12, hermitian=True))
     away = (one.values - one.structure.zero) / one.structure.scale
@@ -484,12 +517,12 @@ def covariance(
         where it started.
     """
     if slopes is None:
-        (slopes,) = _linearised(objective, [one])
+        slopes = linearised(objective, one)
     normal, _ = _normal_equations(objective, one, slopes)
     found = near = _covariance(objective, one, slopes, noise)
     there = one
     if part is not None:
-        (slopes,) = _linearised(part, [one])
+        slopes = linearised(part, one)
         there, _ = _best(part, one.case, slopes.residual[None])
         near = _covariance(part, there, slopes, noise)
     (secants,) = _linearised(part or objective, [there], part=_SECANT)
@@ -535,12 +568,14 @@ def at_bound(one: Fit) -> NDArray[np.bool_]:
     return at
 
 
-def certainty(objective: Objective, one: Fit, noise: FloatArray) -> FloatArray:
+def certainty(
+    objective: Objective, one: Fit, noise: FloatArray, part: Objective | None = None
+) -> FloatArray:
     """(n_parameters,) standard errors between each value and that which leaves the robot as it is.
 
     Infinite at a bound, where there is no standard error, and for what is not felt.
     """
-    found, sensitivity = covariance(objective, one, noise)
+    found, sensitivity = covariance(objective, one, noise, part=part)
     std = np.sqrt(np.maximum(np.diag(found), 0.0))
     away = np.abs(one.values - one.structure.zero)
     known = ~at_bound(one) & (sensitivity > INSENSITIVE) & (std > 0)

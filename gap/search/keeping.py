@@ -14,7 +14,7 @@ import numpy as np
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, certainty, evaluate, fit
+from walkerkit.gap.search.fit import Fit, certainty, evaluate, linearised, polished
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
@@ -55,11 +55,8 @@ def finalist(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
 
 
 def _refitted(problem: Problem, current: Fit) -> Fit:
-    objective = problem.fit.objective
     problem.refine(current)
-    start = evaluate(objective, [(current.structure, current.values)])
-    (found,) = fit(objective, start, iterations=_REFITS)
-    return found
+    return polished(problem.fit.objective, current, iterations=_REFITS)
 
 
 def at_floor(problem: Problem, current: Fit, base: Evidence) -> bool:
@@ -94,13 +91,15 @@ def kept(problem: Problem, current: Fit, added: Sequence[Effect]) -> Fit:
 
 def _without_the_needless(problem: Problem, current: Fit) -> Fit:
     """The fit without effects that those named after them have made superfluous."""
+    slopes = None
     for term in current.structure.terms:
         if len(current.structure.terms) == 1 or not term.effect.fitted:
             continue
-        (smaller,) = refit(problem, current, [current.structure.without_term(term)])
+        slopes = slopes or linearised(problem.race.objective, current)
+        (smaller,) = refit(problem, current, [current.structure.without_term(term)], slopes)
         effects = len(current.structure.terms)
         if not worth_it(problem, weigh(problem, [smaller, current]), 1, effects=effects):
-            current = smaller
+            current, slopes = smaller, None
     return current
 
 
@@ -108,7 +107,8 @@ def _without_the_uncertain(problem: Problem, current: Fit) -> Fit:
     """The fit of several effects without those none of whose values is known to be there."""
     while len(current.structure.terms) > 1:
         (one,) = evaluate(problem.fit.objective, [(current.structure, current.values)])
-        sure = certainty(problem.fit.objective, one, problem.noise)
+        objective, part = problem.fit.objective, problem.screen.objective
+        sure = certainty(objective, one, problem.noise, part)
         known = {
             term: float(sure[one.structure.columns(term)].max())
             for term in one.structure.terms

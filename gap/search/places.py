@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from walkerkit.gap.search.evidence import weigh
-from walkerkit.gap.search.fit import Fit, evaluate, fit, losses
+from walkerkit.gap.search.fit import Fit, Slopes, evaluate, fit, linearised, losses, polished
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Structure, Term, carried
 from walkerkit.gap.search.worth import least_gain, worth_it
@@ -15,12 +15,26 @@ _REFITS = 4
 _SURE = 5.0  # of the least gain; a place that loses more by the slopes is needed
 
 
-def refit(problem: Problem, source: Fit, structures: Sequence[Structure]) -> list[Fit]:
-    """Other structures, each raced from the values that it has in common with a fit."""
+def refit(
+    problem: Problem, source: Fit, structures: Sequence[Structure], slopes: Slopes | None = None
+) -> list[Fit]:
+    """Other structures, each raced from the values that it has in common with a fit.
+
+    Args:
+        problem: what is to be explained.
+        source: the fit.
+        structures: the others.
+        slopes: of the fit in the race, where they are known.
+    """
     objective = problem.race.objective
-    starts = [(s, carried(source.values, source.structure, s)) for s in structures]
-    near = source if len(starts) > 1 else None
-    return fit(objective, evaluate(objective, starts), iterations=_REFITS, near=near)
+    starts = evaluate(
+        objective, [(s, carried(source.values, source.structure, s)) for s in structures]
+    )
+    if slopes is None:
+        slopes = linearised(objective, source)
+    if len(starts) > 1:
+        return fit(objective, starts, iterations=_REFITS, near=slopes)
+    return [polished(objective, one, slopes, iterations=_REFITS, certain=False) for one in starts]
 
 
 def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
@@ -35,7 +49,8 @@ def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
         A fit that keeps the term at one place at least.
     """
     while len(term.places) > 1:
-        lost = losses(problem.race.objective, full)
+        slopes = linearised(problem.race.objective, full)
+        lost = losses(problem.race.objective, full, slopes)
         loss = {s: float(lost[full.structure.columns(term, s)].min()) for s in term.places}
         sure = _SURE * least_gain(problem) / len(problem.channels)
         doubtful = [site for site in term.places if loss[site] < sure]
@@ -43,14 +58,15 @@ def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
             doubtful.remove(max(term.places, key=loss.__getitem__))
         if not doubtful:
             break
-        smaller, found = _dropped(problem, full, term, doubtful)
+        smaller, found = _dropped(problem, full, term, doubtful, slopes)
         if _spared(problem, full, found):
             return found
         if len(doubtful) == 1:
             break
         # Some of them are needed.
         without = [_without(term, [site]) for site in doubtful]
-        fits = refit(problem, full, [_replaced(full.structure, term, t) for t in without])
+        others = [_replaced(full.structure, term, t) for t in without]
+        fits = refit(problem, full, others, slopes)
         evidence = weigh(problem, [full, *fits])
         needless = [k for k in range(len(fits)) if not worth_it(problem, evidence, 0, base=k + 1)]
         if not needless:
@@ -58,16 +74,18 @@ def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
         least = min(needless, key=lambda k: evidence.both[k + 1])
         smaller, found = without[least], fits[least]
         if 1 < len(needless) < len(doubtful):
-            together = _dropped(problem, full, term, [doubtful[k] for k in needless])
+            together = _dropped(problem, full, term, [doubtful[k] for k in needless], slopes)
             if _spared(problem, full, together[1]):
                 smaller, found = together
         full, term = found, smaller
     return full
 
 
-def _dropped(problem: Problem, full: Fit, term: Term, sites: Sequence[str]) -> tuple[Term, Fit]:
+def _dropped(
+    problem: Problem, full: Fit, term: Term, sites: Sequence[str], slopes: Slopes
+) -> tuple[Term, Fit]:
     smaller = _without(term, sites)
-    (found,) = refit(problem, full, [_replaced(full.structure, term, smaller)])
+    (found,) = refit(problem, full, [_replaced(full.structure, term, smaller)], slopes)
     return smaller, found
 
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.fit import Fit, jacobian
+from walkerkit.gap.search.fit import Fit, linearised
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.problem import Half
 from walkerkit.gap.search.structure import Structure, Term, carried
@@ -32,7 +32,7 @@ Single = NDArray[np.float32]
 _SWEEPS = 4  # of least squares, each with the weights that the gaps of the last one give
 _RIDGE = 1e-6  # of a change's own size
 _OF_THE_BEST = 0.5  # of its promise, which an effect has to reach to be looked at joint by joint
-_MOST_HOPEFUL, _HOPEFUL = 14, 0.3  # effects tried place by place, and those near the best
+_MOST_HOPEFUL = 16  # effects that are tried place by place
 _MAGNITUDES = 2  # of an effect, that are tried at each place
 _NEEDED = 0.02  # a place that promises less, summed over the channels, is left out
 
@@ -270,7 +270,7 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     objective = half.objective
     own = current.case
     (simulated,) = objective.simulated([own])[0]
-    slopes = jacobian(objective, current)
+    slopes = linearised(objective, current).jacobian
     slopes = slopes[np.square(slopes).sum(axis=(1, 2)) > 0]
     nuisance = np.concatenate([slopes, objective.numerical])
     hopeful = _hopeful(objective, current, simulated, terms)
@@ -297,7 +297,7 @@ def _hopeful(
 ) -> list[_Tries]:
     """The magnitudes of every term that are worth a simulation of their own at each place.
 
-    An effect of many places is first tried at all of them at once. What then promises little,
+    An effect of many places is first tried at all of them at once. What then promises least, for
     whatever multiple of the change each channel may take, is not tried further.
     """
     tries = [_tries(current, term) for term in terms]
@@ -312,12 +312,10 @@ def _hopeful(
             promised[k] = _promises(objective, residual, (block - simulated).astype(np.float32))
     # What one joint lacks is not to drown in what the others would take of their noise.
     most = {k: _largest(one @ of_joint.T) for k, one in promised.items()}
-    order = sorted(several, key=lambda k: -most[k])
-    least = _HOPEFUL * max(most.values(), default=0.0)
-    for place, k in enumerate(order):
-        worth = most[k] > 0 and (place < _MOST_HOPEFUL or most[k] >= least)
-        kept = _best_magnitudes(tries[k], promised[k], joints) if worth else []
-        tries[k] = tries[k].some(kept)
+    hopeful = sorted(several, key=lambda k: -most[k])[:_MOST_HOPEFUL]
+    for k in several:
+        worth = k in hopeful and most[k] > 0
+        tries[k] = tries[k].some(_best_magnitudes(tries[k], promised[k], joints) if worth else [])
     return tries
 
 

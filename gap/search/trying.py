@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit
+from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit, linearised
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.keeping import at_floor
 from walkerkit.gap.search.problem import Problem
@@ -113,7 +113,7 @@ class Tries:
             race,
             evaluate(race, starts),
             race=[len(structure.terms) for structure, _ in starts],
-            near=current,
+            near=linearised(race, current),
             progress=self._progress,
             stage=stage.format("fitting"),
         )
@@ -171,14 +171,15 @@ class Tries:
         chosen = [k for k in by_promise[:_MOST_WARM] if promised[k] < least]
         chosen += [k for k in by_start[:_MOST_SINGLES] if warm[k].score < least]
         chosen = list(dict.fromkeys([*chosen, *by_promise[:_FEWEST_SINGLES]]))
+        near = linearised(objective, current)
         for _ in range(_WARM):
-            further = fit(objective, [warm[k] for k in chosen], iterations=1, near=current)
+            further = fit(objective, [warm[k] for k in chosen], iterations=1, near=near)
             for k, one in zip(chosen, further, strict=True):
                 warm[k] = one
             chosen.sort(key=lambda k: warm[k].score)
             least = view.score - _OF_THE_BEST * (view.score - warm[chosen[0]].score)
-            near = [k for k in chosen if warm[k].score < least]
-            chosen = max(near, chosen[:_FEWEST_SINGLES], key=len)[: _KEPT_WARM * _MOST_SINGLES]
+            good = [k for k in chosen if warm[k].score < least]
+            chosen = max(good, chosen[:_FEWEST_SINGLES], key=len)[: _KEPT_WARM * _MOST_SINGLES]
         chosen = list(dict.fromkeys([*chosen[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]]))
         return [(warm[k].structure, warm[k].values) for k in chosen]
 

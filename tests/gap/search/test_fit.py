@@ -14,7 +14,7 @@ from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, JointEffect, Parameter
 from walkerkit.gap.effects.base import registered
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
-from walkerkit.gap.search.fit import INSENSITIVE, Fit, covariance, evaluate, fit, jacobian, polish
+from walkerkit.gap.search.fit import INSENSITIVE, Fit, covariance, evaluate, fit, linearised, polish
 from walkerkit.gap.search.objective import Case, Objective
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried
@@ -379,8 +379,10 @@ class TestPolish:
         np.testing.assert_array_equal(
             slopes.residual, one.residuals([Case(structure=tried, values=found.values[None])])[0][0]
         )
-        scale = np.abs(jacobian(one, found)).max(axis=(1, 2), keepdims=True)
-        np.testing.assert_allclose(slopes.jacobian / scale, jacobian(one, found) / scale, atol=0.02)
+        scale = np.abs(linearised(one, found).jacobian).max(axis=(1, 2), keepdims=True)
+        np.testing.assert_allclose(
+            slopes.jacobian / scale, linearised(one, found).jacobian / scale, atol=0.02
+        )
         for own, known in zip(
             covariance(one, found), covariance(one, found, slopes=slopes), strict=True
         ):
