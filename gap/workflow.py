@@ -41,7 +41,7 @@ from walkerkit.gap.report.notes import warning_notes
 from walkerkit.gap.report.output import main_files
 from walkerkit.gap.report.result import Result, summarise
 from walkerkit.gap.search.evidence import weigh
-from walkerkit.gap.search.fit import Progress, evaluate, fit
+from walkerkit.gap.search.fit import Progress, evaluate, polished
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem, build
 from walkerkit.gap.search.structure import Structure, candidate_terms
@@ -58,6 +58,7 @@ from walkerkit.walkers.batch import counted_warnings, without_warnings
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.5  # s
+_FLEXIBLE_STEPS = 8
 _FLEXIBLE = (
     "viscous_friction",
     "coulomb_friction",
@@ -362,5 +363,6 @@ def _flexible_score(problem: Problem) -> float:
     effects = [CATALOGUE[name] for name in _FLEXIBLE if name in CATALOGUE]
     terms = candidate_terms(effects, problem.robots, problem.joints)
     structure = Structure(terms, problem.robots)
-    start = evaluate(problem.race.objective, [(structure, structure.zero)])
-    return float(weigh(problem, fit(problem.race.objective, start)).both[0])
+    (start,) = evaluate(problem.race.objective, [(structure, structure.zero)])
+    found = polished(problem.race.objective, start, iterations=_FLEXIBLE_STEPS, certain=False)
+    return float(weigh(problem, [found]).both[0])

@@ -32,7 +32,7 @@ Single = NDArray[np.float32]
 _SWEEPS = 4  # of least squares, each with the weights that the gaps of the last one give
 _RIDGE = 1e-6  # of a change's own size
 _OF_THE_BEST = 0.5  # of its promise, which an effect has to reach to be looked at joint by joint
-_MOST_HOPEFUL = 16  # effects that are tried place by place
+_MOST_HOPEFUL, _MOST_APART = 16, 6  # effects that are tried place by place; usually shared ones
 _MAGNITUDES = 2  # of an effect, that are tried at each place
 _NEEDED = 0.02  # a place that promises less, summed over the channels, is left out
 
@@ -273,17 +273,18 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     slopes = linearised(objective, current).jacobian
     slopes = slopes[np.square(slopes).sum(axis=(1, 2)) > 0]
     nuisance = np.concatenate([slopes, objective.numerical])
-    hopeful = _hopeful(objective, current, simulated, terms)
+    hopeful = _hopeful(objective, current, simulated, terms, _MOST_HOPEFUL)
     found = _simulate(objective, current, simulated, hopeful)
     view = View(objective, current, simulated, nuisance, found)
     best = view.channels * (view.score - min(view.promise([i]) for i in range(len(terms))))
     least = max(_NEEDED, _OF_THE_BEST * best)
     apart = [
-        _tries(current, replace(term, shared=False))
+        replace(term, shared=False)
         for term, one in zip(terms, found, strict=True)
         if term.shared and _promise_apart(objective, simulated, one.changes) > least
     ]
-    view.extend(_simulate(objective, current, simulated, apart))
+    hopeful = _hopeful(objective, current, simulated, apart, _MOST_APART)
+    view.extend(_simulate(objective, current, simulated, hopeful))
     return view
 
 
@@ -293,7 +294,7 @@ def _promise_apart(objective: Objective, residual: FloatArray, changes: Single) 
 
 
 def _hopeful(
-    objective: Objective, current: Fit, simulated: FloatArray, terms: Sequence[Term]
+    objective: Objective, current: Fit, simulated: FloatArray, terms: Sequence[Term], count: int
 ) -> list[_Tries]:
     """The magnitudes of every term that are worth a simulation of their own at each place.
 
@@ -312,7 +313,7 @@ def _hopeful(
             promised[k] = _promises(objective, residual, (block - simulated).astype(np.float32))
     # What one joint lacks is not to drown in what the others would take of their noise.
     most = {k: _largest(one @ of_joint.T) for k, one in promised.items()}
-    hopeful = sorted(several, key=lambda k: -most[k])[:_MOST_HOPEFUL]
+    hopeful = sorted(several, key=lambda k: -most[k])[:count]
     for k in several:
         worth = k in hopeful and most[k] > 0
         tries[k] = tries[k].some(_best_magnitudes(tries[k], promised[k], joints) if worth else [])
