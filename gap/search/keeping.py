@@ -66,7 +66,8 @@ def at_floor(problem: Problem, current: Fit, base: Evidence) -> bool:
     a log has no noise, as one of another simulator.
     """
     held, noise = problem.held, problem.noise
-    told = Objective(held.told, problem.channels, held.objective.floor)
+    floor, threads = held.objective.floor, problem.n_threads
+    told = Objective(held.told, problem.channels, floor, n_threads=threads)
     as_told = told.as_it_is([current.case])[0][0]
     # What half the timestep changes is taken out already, though not to the last digit.
     blurred = np.minimum(np.hypot(noise, held.objective.numerical_size()), _BLURRED * noise)

@@ -8,11 +8,8 @@ gaps that are five per cent smaller.
 
 from __future__ import annotations
 
-import os
 from collections import OrderedDict
 from collections.abc import Hashable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -22,7 +19,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.structure import Structure
 from walkerkit.gap.simulation.branches import branches
-from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
@@ -76,7 +73,7 @@ class Objective:
         replays: one per robot, over the same channels.
         scored: channels that count; the others are only simulated.
         floor: (n_scored,) gap below which nothing is gained, in each channel's unit.
-        n_threads: how many robots are simulated at a time, 0 for as many as there are cores.
+        n_threads: threads of the simulation, 0 for all cores.
 
     The simulation's own numerical error is a nuisance of every prediction. What a finer timestep
     changes, and what another integrator changes then, are added to it by the factors that suit the
@@ -98,7 +95,7 @@ class Objective:
         n_threads: int = 1,
     ):
         self.replays = tuple(replays)
-        self._side_by_side = min(len(self.replays), n_threads or os.cpu_count() or 1)
+        self._n_threads = n_threads
         self.channels = tuple(scored)
         self.floor = np.maximum(floor, _LEAST_FLOOR)
         self._columns = [replays[0].channels.index(channel) for channel in scored]
@@ -223,20 +220,12 @@ class Objective:
         """(n of all cases, rows, n_scored) residuals with their numerical error."""
         missing = np.isnan(self.measured)
 
-        def simulated(replay: Replay) -> FloatArray:
-            blocks = [case.structure.trials(replay.robot, case.values) for case in cases]
-            return replay.predict(Trials.joined(blocks))[:, :, self._columns]
-
-        # Robots side by side: while one is in MuJoCo, another's laws run.
-        if self._side_by_side > 1:
-            with ThreadPoolExecutor(self._side_by_side) as pool:
-                # Each with the context of this thread, where warnings are counted.
-                contexts = [copy_context() for _ in self.replays]
-                stacks = list(
-                    pool.map(lambda own, replay: own.run(simulated, replay), contexts, self.replays)
-                )
-        else:
-            stacks = [simulated(replay) for replay in self.replays]
+        trials = [
+            Trials.joined([case.structure.trials(replay.robot, case.values) for case in cases])
+            for replay in self.replays
+        ]
+        predicted = predict_together(self.replays, trials, self._n_threads)
+        stacks = [one[:, :, self._columns] for one in predicted]
         residual: FloatArray = np.concatenate(stacks, axis=1) - self.measured
         residual[:, missing] = 0.0
         failed = np.stack([np.any(np.all(np.isnan(s), axis=2), axis=1) for s in stacks])

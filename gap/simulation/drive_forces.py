@@ -8,6 +8,7 @@ target = forces.targets(ctrl)             # in joint units
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from typing import Any
 
 import mujoco
@@ -26,6 +27,10 @@ DRIVE_FIELDS = (
     "actuator_biasprm",
     "actuator_forcelimited",
     "actuator_forcerange",
+)
+_OF_EACH = (
+    *("_per_control", "_constant", "_per_position", "_per_velocity", "_lowest", "_highest"),
+    *("stiffness", "damping", "limit"),
 )
 _AFFINE = int(mujoco.mjtBias.mjBIAS_AFFINE)
 _NONE, _EXACT = int(mujoco.mjtDyn.mjDYN_NONE), int(mujoco.mjtDyn.mjDYN_FILTEREXACT)
@@ -94,6 +99,33 @@ class DriveForces:
         self.stiffness[:, self.columns] = -self._per_position
         self.damping[:, self.columns] = -self._per_velocity
         self.limit[:, self.columns] = self._highest
+
+    def joins(self, other: DriveForces) -> bool:
+        """Whether these drives differ from others in their efforts' numbers only."""
+        if self.filters is not None or other.filters is not None:
+            return False
+        pairs = [
+            (self._slope, other._slope),
+            (self._offset, other._offset),
+            (np.arange(self._n_joints)[self.columns], np.arange(other._n_joints)[other.columns]),
+        ]
+        if self._bounds is not None and other._bounds is not None:
+            pairs += zip(self._bounds, other._bounds, strict=True)
+        bounded = [one._bounds is not None for one in (self, other)]
+        return bounded[0] == bounded[1] and all(np.array_equal(*pair) for pair in pairs)
+
+    @classmethod
+    def joined(cls, parts: Sequence[DriveForces]) -> DriveForces:
+        """The drives of some simulations, and then of others, that differ in numbers only."""
+        forces = copy(parts[0])
+        for name in _OF_EACH:
+            each = [
+                np.broadcast_to(values, (len(part.stiffness), *values.shape[1:]))
+                for part in parts
+                for values in [getattr(part, name)]
+            ]
+            setattr(forces, name, np.concatenate(each))
+        return forces
 
     def targets(self, ctrl: FloatArray) -> FloatArray:
         """The targets that controls ask for, (..., n_joints); 0 where there is no drive.

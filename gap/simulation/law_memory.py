@@ -48,6 +48,25 @@ class Past:
     qd: FloatArray
     integral: FloatArray | None = None
 
+    def joins(self, other: Past) -> bool:
+        """Whether both are of as many steps, and of the same memories."""
+        return (
+            self.ctrl.shape[1] == other.ctrl.shape[1]
+            and self.q.shape[2] == other.q.shape[2]
+            and (self.integral is None) == (other.integral is None)
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Past]) -> Past:
+        """What some simulations, and then others, saw."""
+        integral = [part.integral for part in parts if part.integral is not None]
+        return cls(
+            ctrl=np.concatenate([part.ctrl for part in parts]),
+            q=np.concatenate([part.q for part in parts]),
+            qd=np.concatenate([part.qd for part in parts]),
+            integral=np.concatenate(integral) if integral else None,
+        )
+
 
 def measured_past(
     segments: Sequence[Segment],

@@ -12,6 +12,7 @@ the simulation itself runs natively where there are no others.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from typing import Any
 
 import mujoco
@@ -73,6 +74,43 @@ class Laws:
         each = [(law, found[law]) for law in LAWS.values() if law in found]
         self.of_targets = [(law, p) for law, p in each if law.targets_only]
         self.stepwise = [(law, p) for law, p in each if not law.targets_only and law.acts(p)]
+
+    def joins(self, other: Laws) -> bool:
+        """Whether these laws and others can be run as one."""
+        return (
+            self.dt == other.dt
+            and [joint.name for joint in self.joints] == [joint.name for joint in other.joints]
+            and [joint.play for joint in self.joints] == [joint.play for joint in other.joints]
+            and self.forces.joins(other.forces)
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Laws]) -> Laws:
+        """The laws that are run step by step of some that can be run as one."""
+        laws = copy(parts[0])
+        laws.shape = (sum(part.shape[0] for part in parts), len(laws.joints))
+        laws.forces = DriveForces.joined([part.forces for part in parts])
+        laws.of_targets = []
+        each = [dict(part.stepwise) for part in parts]
+        laws.stepwise = [
+            (
+                law,
+                {
+                    name: np.concatenate(
+                        [
+                            some[law][name]
+                            if law in some
+                            else np.full(part.shape, law.neutral[name])
+                            for part, some in zip(parts, each, strict=True)
+                        ]
+                    )
+                    for name in law.neutral
+                },
+            )
+            for law in LAWS.values()
+            if any(law in some for some in each)
+        ]
+        return laws
 
     def bank(self) -> LawBank:
         """The laws that are run step by step, with nothing to remember yet."""

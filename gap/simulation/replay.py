@@ -11,13 +11,15 @@ recorded past commands; a trial that diverges predicts NaN.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drive import Drive
+from walkerkit.actuators.drivetrain import IntegralAction
 from walkerkit.gap.recordings.base import SIGNALS
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
@@ -32,11 +34,11 @@ from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.start import memory, rest, start_state
-from walkerkit.gap.simulation.steploop import rollout_with_laws
+from walkerkit.gap.simulation.together import Asked, Done, together
 from walkerkit.gap.simulation.trials import Trials
-from walkerkit.walkers.batch import LockStep
 
 FloatArray = NDArray[np.float64]
+Predicting = Generator[Asked, Done, FloatArray]
 
 _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
 _CONTROLLED = 1.0  # s of them that controllers which remember targets see besides
@@ -44,7 +46,6 @@ _WARM = 0.15  # s of the measured past that laws see
 _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
 _MOST_STEPS = 1_000_000  # of the segments of a batch together; what is longer has one of its own
 _CHUNK_BYTES = 2**28
-_WORTH_THREADS = 64  # simulations, stepped one by one
 _MOST_REBUILT = 24  # robots kept for variants that need another compilation
 _APART = 0.01  # s; velocities so far apart tell the acceleration
 _RECORDS = {"position": "qpos", "velocity": "qvel", "effort": "qfrc_actuator"}
@@ -179,13 +180,18 @@ class Replay:
         Returns:
             (n, rows, channels) what the log would show; NaN where a simulation failed.
         """
+        (predicted,) = predict_together([self], [trials], self.n_threads)
+        return predicted
+
+    def predicting(self, trials: Trials) -> Predicting:
+        """As `predict`, asking for its rollouts and to be sent what `together` makes of them."""
         predicted = np.full((trials.n, *self.measured.shape), np.nan)
         for rebuild, rows in rebuilds(trials):
             if rebuild.needed:
                 rebuilt, replay = self._on(rebuild)
-                predicted[rows] = replay.predict(rebuilt.trials(trials.rows(rows)))
+                predicted[rows] = yield from replay.predicting(rebuilt.trials(trials.rows(rows)))
             else:
-                predicted[rows] = self._predict(trials.rows(rows))
+                predicted[rows] = yield from self._predicting(trials.rows(rows))
         return predicted
 
     def _on(self, rebuild: Rebuild) -> tuple[Rebuilt, Replay]:
@@ -206,8 +212,8 @@ class Replay:
         self._rebuilt[rebuild] = found
         return found
 
-    def _predict(self, trials: Trials) -> FloatArray:
-        """As `predict`, of variants that are simulated on this robot itself."""
+    def _predicting(self, trials: Trials) -> Predicting:
+        """As `predicting`, of variants that are simulated on this robot itself."""
         predicted = np.full((trials.n, *self.measured.shape), np.nan)
         model = self.robot.model
         for group in self._groups:
@@ -218,10 +224,12 @@ class Replay:
                 lawful, stepwise = trials.with_laws[rows], trials.stepwise[rows]
                 for some in (rows[~lawful], rows[lawful & ~stepwise], rows[stepwise]):
                     if some.size:
-                        predicted[some] = self._simulate(group, trials.rows(some), predicted[some])
+                        predicted[some] = yield from self._simulating(
+                            group, trials.rows(some), predicted[some]
+                        )
         return predicted
 
-    def _simulate(self, group: _Group, trials: Trials, out: FloatArray) -> FloatArray:
+    def _simulating(self, group: _Group, trials: Trials, out: FloatArray) -> Predicting:
         """Fills in the rows and channels of a group; variants with laws and without do not mix."""
         model, n, n_segments = self.robot.model, trials.n, len(group.segments)
         step = model.opt.timestep
@@ -287,20 +295,23 @@ class Replay:
             bend(state, trials, fields, group.played, carried)
         record = sorted({"qpos", *(_RECORDS[c.signal] for c in self.channels if not c.of_base)})
         each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
-        stepwise = laws is not None and laws.stepwise
-        # Threads would wait for each other in every step.
-        threads = 1 if stepwise and n * n_segments < _WORTH_THREADS else self.n_threads
-        batch = LockStep(
-            model, n * n_segments, fields=each, n_threads=threads, only_rollouts=not stepwise
-        )
+        stepwise = laws is not None and bool(laws.stepwise)
         applied = self._applied(group, trials, lead, steps)
-        start = state.reshape(n * n_segments, -1)
-        controls = ctrl[:, :, before:].reshape(n * n_segments, steps, -1)
-        beside = None if applied is None else applied.reshape(n * n_segments, steps, -1)
+        asked = Asked(
+            model=model,
+            fields=each,
+            state=state.reshape(n * n_segments, -1),
+            ctrl=ctrl[:, :, before:].reshape(n * n_segments, steps, -1),
+            applied=None if applied is None else applied.reshape(n * n_segments, steps, -1),
+            record=tuple(record),
+            n_threads=self.n_threads,
+            laws=laws if stepwise else None,
+            time=clock,
+            ahead=ahead if stepwise else None,
+        )
         if group.base is not None:
-            raised = group.base.settle(batch, start, controls[:, 0], each)
-        changed = None
-        if laws is not None and laws.stepwise:
+            raised = group.base.settle(asked.batch(), asked.state, asked.ctrl[:, 0], each)
+        if laws is not None and stepwise:
             warm = min(int(np.ceil(_WARM / step)), before)
             q, qd = measured_past(
                 group.segments,
@@ -309,31 +320,17 @@ class Replay:
                 readings,
                 step * np.arange(-warm, 0),
             )
-            rollout, changed = rollout_with_laws(
-                batch,
-                start,
-                laws=laws,
-                ctrl=controls,
-                qfrc_applied=beside,
-                record=record,
-                time=clock,
-                ahead=ahead,
-                past=Past(
-                    ctrl=ctrl[:, :, before - warm : before].reshape(len(q), warm, -1),
-                    q=q,
-                    qd=qd,
-                    integral=integral_at_start(
-                        laws, batch, start, group.segments, group.routes, controls[:, 0]
-                    )
-                    if group.base is None
-                    else None,
-                ),
-            )
-        else:
-            rollout = batch.rollout(start, ctrl=controls, qfrc_applied=beside, record=record)
-            if laws is not None and ahead is not None and "qfrc_actuator" in record:
-                made = rollout.records["qfrc_actuator"][..., [joint.dof for joint in joints]]
-                changed = laws.shown(made, controls, ahead)
+            integral = None
+            if group.base is None and any(law is IntegralAction for law, _ in laws.stepwise):
+                integral = integral_at_start(
+                    laws, asked.batch(), asked.state, group.segments, group.routes, asked.ctrl[:, 0]
+                )
+            sent_before = ctrl[:, :, before - warm : before].reshape(len(q), warm, -1)
+            asked = replace(asked, past=Past(ctrl=sent_before, q=q, qd=qd, integral=integral))
+        rollout, changed = yield asked
+        if not stepwise and laws is not None and ahead is not None and "qfrc_actuator" in record:
+            made = rollout.records["qfrc_actuator"][..., [joint.dof for joint in joints]]
+            changed = laws.shown(made, asked.ctrl, ahead)
         if changed is not None:
             changed = changed.reshape(n, n_segments, steps, -1)
         records = {
@@ -409,6 +406,30 @@ class Replay:
                 which = slice(None) if alike else k
                 qpos[:, s, which], qvel[:, s, which] = q[:, which], v[:, which]
         return np.broadcast_to(qpos, shift.shape), np.broadcast_to(qvel, shift.shape)
+
+
+def predict_together(
+    replays: Sequence[Replay], trials: Sequence[Trials], n_threads: int
+) -> list[FloatArray]:
+    """What each of several replays predicts of its trials, of robots that may be in one batch.
+
+    Args:
+        replays: the replays.
+        trials: of each, variants of its robot.
+        n_threads: threads of the simulation, 0 for all cores.
+    """
+    runs = [replay.predicting(own) for replay, own in zip(replays, trials, strict=True)]
+    predicted: dict[int, FloatArray] = {}
+    sent: dict[int, Done | None] = dict.fromkeys(range(len(runs)))
+    while sent:
+        asked = {}
+        for k, done in sent.items():
+            try:
+                asked[k] = next(runs[k]) if done is None else runs[k].send(done)
+            except StopIteration as stop:
+                predicted[k] = stop.value
+        sent = dict(zip(asked, together(list(asked.values()), n_threads), strict=True))
+    return [predicted[k] for k in range(len(runs))]
 
 
 def _clocks(trials: Trials, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ import pytest
 
 from tests.gap.search.test_fit import objective, sized, structure
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.search.fit import evaluate, jacobian
+from walkerkit.gap.search.fit import evaluate, linearised
 from walkerkit.gap.search.objective import Case
 from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.replay import Channel
@@ -73,7 +73,7 @@ def test_slopes_of_both_legs_at_once_are_those_of_each() -> None:
     start = 0.5 * tried.scale
     (current,) = evaluate(one, [(tried, start)])
     assert one.moves(tried.branches).row.max() == 3  # four numbers of each leg
-    at_once = jacobian(one, current)
+    at_once = linearised(one, current).jacobian
     for k, slope in enumerate(at_once):
         moved = start + 0.02 * tried.scale * (np.arange(len(start)) == k)
         (pair,) = one.simulated([Case(structure=tried, values=np.stack([start, moved]))])

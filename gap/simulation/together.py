@@ -1,0 +1,282 @@
+"""Rollouts of several robots that differ in numbers only, as one batch.
+
+A manifest has one robot per condition: another gain, another load. Whoever steps them one by one
+pays for every step of each; side by side in one batch they share it.
+
+    rollouts = together([rollout, other])      # what `alone` returns of each, in their order
+"""
+
+from __future__ import annotations
+
+import os
+import weakref
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.simulation.law_memory import Past
+from walkerkit.gap.simulation.laws import Laws
+from walkerkit.gap.simulation.steploop import rollout_with_laws
+from walkerkit.gap.simulation.trials import model_field
+from walkerkit.walkers.batch import LockStep, Rollout
+
+FloatArray = NDArray[np.float64]
+Done = tuple[Rollout, FloatArray | None]
+
+_WORTH_THREADS = 64  # simulations, stepped one by one
+_LENGTH_RATIO = 0.8  # of the shortest to the longest of a batch, about
+_BATCH_BYTES = 2**29  # of what is kept of all that run together
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Asked:
+    """A rollout that is to be done: many variants of one robot.
+
+    Attributes:
+        model: the robot's.
+        fields: model fields of which each simulation has its own, (n_sims, *shape).
+        state: (n_sims, nstate) where they start.
+        ctrl: (n_sims, n_steps, nu) controls as the drives receive them.
+        applied: (n_sims, n_steps, nv) effort applied beside them, or None.
+        record: fields to keep after every step.
+        n_threads: threads of the simulation, 0 for all cores.
+        laws: laws that are run step by step, or None.
+        time: (n_sims,) of the first step, by the robot's clock [s].
+        ahead: as `rollout_with_laws` takes it.
+        past: what the laws saw before, or None.
+    """
+
+    model: mujoco.MjModel
+    fields: Mapping[str, NDArray[Any]]
+    state: FloatArray
+    ctrl: FloatArray
+    applied: FloatArray | None
+    record: tuple[str, ...]
+    n_threads: int
+    laws: Laws | None
+    time: FloatArray
+    ahead: FloatArray | None = None
+    past: Past | None = None
+
+    @property
+    def n_sims(self) -> int:
+        """How many simulations it is."""
+        return len(self.state)
+
+    @property
+    def n_steps(self) -> int:
+        """How many steps it takes."""
+        return int(self.ctrl.shape[1])
+
+    @property
+    def size(self) -> int:
+        """Bytes of what is kept."""
+        model = self.model
+        row = model.nq + 2 * model.nv + model.nu
+        return int(8 * self.n_sims * self.n_steps * row)
+
+    def batch(self) -> LockStep:
+        """Its simulations."""
+        few = self.laws is not None and self.n_sims < _WORTH_THREADS
+        return LockStep(
+            self.model,
+            self.n_sims,
+            fields=self.fields,
+            # Threads would wait for each other in every step.
+            n_threads=1 if few else self.n_threads,
+            only_rollouts=self.laws is None,
+        )
+
+    def alone(self) -> Done:
+        """What was recorded, and what the laws changed, as `rollout_with_laws` returns them."""
+        if self.laws is None:
+            rollout = self.batch().rollout(
+                self.state, ctrl=self.ctrl, qfrc_applied=self.applied, record=self.record
+            )
+            return rollout, None
+        return rollout_with_laws(
+            self.batch(),
+            self.state,
+            laws=self.laws,
+            ctrl=self.ctrl,
+            qfrc_applied=self.applied,
+            record=self.record,
+            time=self.time,
+            ahead=self.ahead,
+            past=self.past,
+        )
+
+
+def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
+    """Does several rollouts, those that can be in one batch, the others side by side.
+
+    Args:
+        asked: the rollouts.
+        n_threads: threads for all of them, 0 for all cores.
+
+    Returns:
+        What each left behind.
+    """
+    if not asked:
+        return []
+    groups: list[list[int]] = []
+    for k, one in enumerate(asked):
+        for group in groups:
+            size = sum(asked[i].size for i in group) + one.size
+            if size <= _BATCH_BYTES and _alike(asked[group[0]], one):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    if len(groups) == 1:
+        joined = replace(_joined(asked), n_threads=n_threads)
+        return _apart(joined.alone(), asked)
+    found: dict[int, Done] = {}
+    # While one is in MuJoCo, another's laws run.
+    with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
+        # Each with the context of this thread, where warnings are counted.
+        done = [
+            (group, pool.submit(copy_context().run, _joined([asked[k] for k in group]).alone))
+            for group in groups
+        ]
+        for group, future in done:
+            members = [asked[k] for k in group]
+            found.update(zip(group, _apart(future.result(), members), strict=True))
+    return [found[k] for k in range(len(asked))]
+
+
+def _apart(done: Done, members: Sequence[Asked]) -> list[Done]:
+    rollout, changed = done
+    ends = np.cumsum([one.n_sims for one in members])
+    parts = [slice(end - one.n_sims, end) for end, one in zip(ends, members, strict=True)]
+    return [
+        (
+            Rollout(
+                records={
+                    name: values[part, : one.n_steps] for name, values in rollout.records.items()
+                },
+                failed=rollout.failed[part],
+            ),
+            None if changed is None else changed[part, : one.n_steps],
+        )
+        for part, one in zip(parts, members, strict=True)
+    ]
+
+
+def _joined(members: Sequence[Asked]) -> Asked:
+    first = members[0]
+    if len(members) == 1:
+        return first
+    return replace(
+        first,
+        fields=_fields(members),
+        state=np.concatenate([one.state for one in members]),
+        ctrl=_padded([one.ctrl for one in members]),
+        applied=_or_nothing([one.applied for one in members], members),
+        laws=Laws.joined([one.laws for one in members if one.laws is not None])
+        if first.laws is not None
+        else None,
+        time=np.concatenate([one.time for one in members]),
+        ahead=_or_nothing([one.ahead for one in members], members),
+        past=Past.joined([one.past for one in members if one.past is not None])
+        if first.past is not None
+        else None,
+    )
+
+
+def _or_nothing(parts: Sequence[FloatArray | None], members: Sequence[Asked]) -> FloatArray | None:
+    """Arrays (n_sims, n_steps, size) one after the other, zeros for those that are None."""
+    size = next((part.shape[2] for part in parts if part is not None), None)
+    if size is None:
+        return None
+    return _padded(
+        [
+            np.zeros((one.n_sims, one.n_steps, size)) if part is None else part
+            for part, one in zip(parts, members, strict=True)
+        ]
+    )
+
+
+def _padded(parts: Sequence[FloatArray]) -> FloatArray:
+    """Arrays (n_sims, n_steps, size) one after the other, shorter ones held as they end."""
+    n_steps = max(part.shape[1] for part in parts)
+    return np.concatenate(
+        [np.pad(p, ((0, 0), (0, n_steps - p.shape[1]), (0, 0)), mode="edge") for p in parts]
+    )
+
+
+def _fields(members: Sequence[Asked]) -> dict[str, NDArray[Any]]:
+    """Fields of which one has its own values, or in which the models differ."""
+    names = dict.fromkeys(name for one in members for name in one.fields)
+    for one in members[1:]:
+        names.update(dict.fromkeys(_differing(members[0].model, one.model) or ()))
+    return {
+        name: np.concatenate(
+            [
+                one.fields[name]
+                if name in one.fields
+                else np.repeat(model_field(one.model, name)[None], one.n_sims, axis=0)
+                for one in members
+            ]
+        )
+        for name in names
+    }
+
+
+def _alike(one: Asked, other: Asked) -> bool:
+    """Whether two rollouts can be done in one batch."""
+    return (
+        _differing(one.model, other.model) is not None
+        and _LENGTH_RATIO < one.n_steps / other.n_steps < 1 / _LENGTH_RATIO
+        and one.record == other.record
+        and (one.laws is None) == (other.laws is None)
+        and (one.laws is None or other.laws is None or one.laws.joins(other.laws))
+        and (one.past is None) == (other.past is None)
+        and (one.past is None or other.past is None or one.past.joins(other.past))
+    )
+
+
+# Models are never written to, so that what was found of a pair holds for as long as they live.
+_DIFFERING: weakref.WeakKeyDictionary[
+    mujoco.MjModel, weakref.WeakKeyDictionary[mujoco.MjModel, tuple[str, ...] | None]
+] = weakref.WeakKeyDictionary()
+
+
+def _differing(one: mujoco.MjModel, other: mujoco.MjModel) -> tuple[str, ...] | None:
+    """Fields in which two models differ and that make one the other; None if it takes more."""
+    known = _DIFFERING.setdefault(one, weakref.WeakKeyDictionary())
+    if other not in known:
+        known[other] = _found_differing(one, other)
+    return known[other]
+
+
+def _found_differing(one: mujoco.MjModel, other: mujoco.MjModel) -> tuple[str, ...] | None:
+    differing = _differences(one, other)
+    fields = {}
+    for name in differing:
+        values = model_field(other, name)
+        if values.dtype != np.float64 or values.shape != model_field(one, name).shape:
+            return None
+        fields[name] = values[None]
+    if "opt.timestep" in fields:
+        return None
+    batch = LockStep(one, 1, fields=fields, n_threads=1).batch
+    return None if _differences(batch.get_model(0), other) else tuple(fields)
+
+
+def _differences(one: mujoco.MjModel, other: mujoco.MjModel) -> list[str]:
+    """Sizes, options and fields that are not the same in two models."""
+    return [
+        prefix + name
+        for prefix, mine, theirs in (("", one, other), ("opt.", one.opt, other.opt))
+        for name in dir(mine)
+        if not name.startswith("_")
+        and isinstance(getattr(mine, name), (np.ndarray, int, float))
+        and not np.array_equal(getattr(mine, name), getattr(theirs, name))
+    ]

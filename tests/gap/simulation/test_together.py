@@ -1,0 +1,115 @@
+"""Robots in one batch predict what each predicts alone, whatever differs between them."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from walkerkit.actuators.drivetrain.controller import IntegralAction, SetpointFilter
+from walkerkit.actuators.drivetrain.drive import Cogging
+from walkerkit.actuators.drivetrain.friction import LoadDependentFriction
+from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
+from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.together import Asked
+from walkerkit.gap.simulation.trials import Trials
+
+ARM = """
+<mujoco><compiler angle="radian"/>
+<option timestep="{step}" integrator="{integrator}" gravity="0 0 {gravity}"/>
+<worldbody><body><joint name="hip" axis="0 1 0" damping="0.1" armature="0.01"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="{mass}"/>
+  <body pos="0 0 -0.3"><joint name="knee" axis="0 1 0" damping="0.05" frictionloss="0.1"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.4"/></body></body></worldbody>
+<actuator>
+  <position name="hip" joint="hip" kp="{kp}" kv="2" forcerange="-8 8" {hip}/>
+  <position name="knee" joint="knee" kp="25" kv="1" delay="0.004" nsample="2"/>
+</actuator></mujoco>
+"""
+AS_IT_IS = {"kp": 60, "mass": 1, "gravity": -9.81, "step": 0.002, "integrator": "implicitfast"}
+CHANNELS = tuple(
+    Channel(joint=joint, signal=signal)
+    for signal in ("position", "velocity", "effort")
+    for joint in ("hip", "knee")
+)
+
+
+def replay(seed: int, n: int = 300, **changed: object) -> Replay:
+    text = ARM.format(**{"hip": "", **AS_IT_IS, **changed})
+    time = 0.002 * np.arange(n)
+    phase = np.random.default_rng(seed).uniform(0, 6, 2)
+    recording = Recording(
+        name="log",
+        time=time,
+        columns={
+            "hip/position": 0.1 + 0.3 * np.sin(5 * time + phase[0]),
+            "knee/position": np.full(len(time), 0.4),
+            "hip/position_target": 0.1 + 0.4 * np.sign(np.sin(5 * time + phase[0])),
+            "knee/position_target": 0.4 + 0.35 * np.sin(7 * time + phase[1]),
+        },
+    )
+    robot = robot_from_spec(mujoco.MjSpec.from_string(text), "arm.xml")
+    return Replay(robot, whole(recording), CHANNELS, n_threads=1)
+
+
+def trials(one: Replay, law=None, **parameters: float) -> Trials:
+    found = Trials(one.robot, 3)
+    found.field("dof_damping")[:, 0] = [0.1, 0.2, 0.3]
+    if law is not None:
+        for name, value in parameters.items():
+            found.law(law, "hip")[name][:] = [0.0, value, 2 * value]
+    return found
+
+
+@pytest.fixture
+def batches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many simulations each batch had."""
+    sizes: list[int] = []
+    alone = Asked.alone
+
+    def counted(self: Asked):
+        sizes.append(self.n_sims)
+        return alone(self)
+
+    monkeypatch.setattr(Asked, "alone", counted)
+    return sizes
+
+
+@pytest.mark.parametrize(
+    ("law", "parameters"),
+    [
+        (None, {}),
+        (Cogging, {"amplitude": 0.3, "periods": 4.0}),
+        (LoadDependentFriction, {"coefficient": 0.1}),
+        (IntegralAction, {"gain": 20.0}),
+        (SetpointFilter, {"time_constant": 0.02}),
+    ],
+)
+def test_gain_load_and_gravity_make_one_batch(batches, law, parameters):
+    replays = [replay(0), replay(1, n=280, kp=90), replay(2, mass=1.4, gravity=-9.7)]
+    tried = [trials(one, law, **parameters) for one in replays]
+    together = predict_together(replays, tried, 2)
+    most = max(batches)
+    assert most >= 6  # two variants of each robot at least
+    for one, own, found in zip(replays, tried, together, strict=True):
+        np.testing.assert_array_equal(found, one.predict(own))
+        assert np.isfinite(found).all()
+    assert max(batches) == most
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"integrator": "Euler"},
+        {"step": 0.001},
+        {"hip": 'ctrllimited="true" ctrlrange="-1 1"'},
+        {"n": 200},
+    ],
+)
+def test_others_run_beside_each_other(batches, changed):
+    replays = [replay(0), replay(1, **changed)]
+    tried = [trials(one, Cogging, amplitude=0.3, periods=4.0) for one in replays]
+    together = predict_together(replays, tried, 2)
+    assert max(batches) <= 3
+    for one, own, found in zip(replays, tried, together, strict=True):
+        np.testing.assert_array_equal(found, one.predict(own))
