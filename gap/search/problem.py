@@ -28,7 +28,8 @@ REFINEMENT = 2  # how many times finer the timestep is that shows the numerical 
 _SCORED = ("position", "effort", "base_position", "base_orientation")
 # Whole rollouts are searched in stretches: side by side they take less time, and tell as much.
 _STRETCH, _SCREEN_STRETCH = 1.5, 1.0  # s
-_MOST_STEPS, _RACE_STEPS, _SCREEN_STEPS = 80_000, 12_000, 4_000
+_MOST_STEPS, _RACE_STEPS, _SCREEN_STEPS = 40_000, 12_000, 4_000
+_MOST_WHOLE = 80_000
 _FEWEST = 3  # of a robot's stretches, whatever their steps
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
@@ -105,7 +106,7 @@ class Problem:
         Each stretch starts from a measured state, whose noise draws the values a little.
         """
         told = self.fit.told
-        if self.window is not None or sum(replay.steps for replay in told) > _MOST_STEPS:
+        if self.window is not None or sum(replay.steps for replay in told) > _MOST_WHOLE:
             return self.fit
 
         def objective(replays: Sequence[Replay]) -> Objective:

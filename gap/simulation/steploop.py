@@ -63,8 +63,9 @@ def rollout_with_laws(
     if ahead is not None or bank.has("controller") or bank.has("drive"):
         changed = np.zeros((n_sims, n_steps, len(laws.joints)))
     held = batch.derived("qfrc_constraint") if bank.reads_held else None
-    plays = [(k, joint.play) for k, joint in enumerate(laws.joints) if joint.play is not None]
+    plays = []
     if bank.reads_play:
+        plays = [(k, one.play) for k, one in enumerate(laws.joints) if one.play is not None]
         loop.step.play, loop.step.play_speed = np.zeros((2, *laws.shape))
     rubbing, rubbed = bank.has("joint"), False
     if rubbing:
@@ -75,7 +76,7 @@ def rollout_with_laws(
         nonlocal rubbed
         if held is not None:
             loop.step.held = held[:, dofs]
-        for column, play in plays if bank.reads_play else ():
+        for column, play in plays:
             loop.step.play[:, column] = live_qpos[:, play.qpos]
             loop.step.play_speed[:, column] = live_qvel[:, play.dof]
         loop.run(k, live_qpos[:, qposes], live_qvel[:, dofs], act)
