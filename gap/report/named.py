@@ -31,7 +31,10 @@ def named_effects(
     final = rounds[-1].fit
     if not final.structure.terms:
         return ()
-    variance, sensitivity = covariance(problem.fit.objective, final, problem.noise)
+    half = problem.whole if rounds[-1].whole else problem.fit
+    variance, sensitivity = covariance(
+        half.objective, final, problem.noise, part=problem.screen.objective
+    )
     found = []
     for count, term in enumerate(final.structure.terms, start=1):
         one = _round_of(term, rounds)

@@ -27,6 +27,7 @@ _BLURRED = 1.4  # as far as numerical errors raise that noise, at most
 _REFITS = 4
 _PASSES = 2  # of fitting and finding the numerical error again
 _SETTLED = 0.05  # of a parameter's scale
+_AS_GOOD = 0.02  # of a score
 _CERTAIN = 2.0  # standard errors from where a value leaves the robot unchanged
 
 
@@ -46,6 +47,21 @@ def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
             problem.refine(better)
             current, base = better, weigh(problem, [better])
     return current, base
+
+
+def over_whole(problem: Problem, current: Fit) -> Fit | None:
+    """The fit over the horizon that the gap is told of; None where that is the same, or misleads.
+
+    Each stretch starts from a measured state, whose noise draws the values a little. But where
+    rollouts diverge, as of a robot that is not stable, only stretches tell what is right.
+    """
+    whole = problem.whole
+    if whole is problem.fit or not len(current.values):
+        return None
+    whole.refine(current)
+    found = polished(whole.objective, current, iterations=_REFITS)
+    before, after = weigh(problem, [current, found]).both
+    return found if after < before + _AS_GOOD else None
 
 
 def finalist(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:

@@ -11,7 +11,7 @@ place, those as good are its confusion set.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.contest import Contest, contest, size_of
 from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import Fit, Progress, evaluate
-from walkerkit.gap.search.keeping import finalist, kept, settled
+from walkerkit.gap.search.keeping import finalist, kept, over_whole, settled
 from walkerkit.gap.search.objective import Case
 from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
@@ -65,6 +65,7 @@ class Round:
         evidence: what the recordings say of that fit, in the light of its own numerical error.
         one_sided: the recordings that are fitted speak for something of which those that are held
             out know nothing, or the other way round.
+        whole: the fit is one to whole rollouts, not to stretches of them.
     """
 
     candidates: tuple[Candidate, ...]
@@ -73,6 +74,7 @@ class Round:
     fit: Fit
     evidence: Evidence
     one_sided: bool = False
+    whole: bool = False
 
 
 def name_effects(
@@ -105,7 +107,13 @@ def name_effects(
         exchanges += 1
         current, base = settled(problem, kept(problem, better, [better.structure.terms[-1].effect]))
     problem.refine(current)
-    return _told(problem, tries, current, base, contests)
+    whole = over_whole(problem, current)
+    if whole is not None:
+        current = whole
+        problem.refine(current)
+        base = weigh(problem, [current])
+    rounds = _told(problem, tries, current, base, contests)
+    return *rounds[:-1], replace(rounds[-1], whole=whole is not None)
 
 
 def _simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -> Fit:
