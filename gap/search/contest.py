@@ -12,7 +12,7 @@ import numpy as np
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, evaluate, fit, linearised
+from walkerkit.gap.search.fit import Fit, evaluate, linearised, polished
 from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Term, carried
@@ -55,14 +55,9 @@ def contest(problem: Problem, tries: Tries, current: Fit, term: Term) -> Contest
     near = [
         k for k, one in enumerate(fits) if len(problem.channels) * (one.score - own.score) < _NEAR
     ]
-    fitted = fit(
-        objective,
-        [fits[k] for k in near],
-        iterations=_REFITS,
-        near=linearised(objective, own) if near else None,
-    )
-    for k, one in zip(near, fitted, strict=True):
-        fits[k] = one
+    slopes = linearised(objective, own) if near else None
+    for k in near:
+        fits[k] = polished(objective, fits[k], slopes, iterations=_REFITS, certain=False)
     evidence = weigh(problem, [own, *fits, alone])
     compared = evidence.some(range(len(fits) + 1))
     better = [
