@@ -2,7 +2,7 @@
 
 A fit is settled when it suits all recordings that are fitted, in the light of its own numerical
 error. What was added stays only at the places that need it, and what was there before only while
-it still is needed.
+it still is needed. At the end the whole explanation is fitted over whole rollouts.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ the held-out gaps smaller by more than chance (block bootstrap) and by a margin 
 the measurement's noise and above the simulation's own numerical error. Then the places that do not
 need it are dropped, everything is fitted jointly, and effects that are no longer needed leave again
 (`keeping`). At the end each named effect meets its rivals (`contest`): a better one takes its
-place, those as good are its confusion set.
+place, those as good are its confusion set. What is left is fitted over whole rollouts.
 """
 
 from __future__ import annotations
