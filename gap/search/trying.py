@@ -19,9 +19,10 @@ from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit, linearised
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.keeping import at_floor
+from walkerkit.gap.search.objective import Case
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
-from walkerkit.gap.search.structure import Structure, Term, candidate_terms
+from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried
 from walkerkit.gap.search.worth import least_gain
 
 FloatArray = NDArray[np.float64]
@@ -34,6 +35,7 @@ _OF_THE_BEST = 0.2  # of its gain, which others have to reach by then
 _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _LIKE = 0.25  # of an effect's promise, which another has to reach to stand in for it
+_LITTLE = 0.1  # of what an effect promises
 _NO_MORE = 0.05  # of a promise, summed over the channels
 
 
@@ -139,7 +141,7 @@ class Tries:
         view = look(self._problem.screen, current, terms)
         starts = self._starters(view, current)
         if starts and not alone and len(current.structure.terms) + 1 < MOST_EFFECTS:
-            starts += [view.start(pair) for pair in _pairs(view)]
+            starts += self._paired(view, starts)
         return _promised(view), starts
 
     def _start(self, current: Fit, added: Any, values: Any) -> tuple[Structure, FloatArray]:
@@ -182,6 +184,34 @@ class Tries:
             chosen = max(good, chosen[:_FEWEST_SINGLES], key=len)[: _KEPT_WARM * _MOST_SINGLES]
         chosen = list(dict.fromkeys([*chosen[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]]))
         return [(warm[k].structure, warm[k].values) for k in chosen]
+
+    def _paired(
+        self, view: View, singles: Sequence[tuple[Structure, FloatArray]]
+    ) -> list[tuple[Structure, FloatArray]]:
+        """The pairs that are worth a race, each from the best of some starts.
+
+        Both members as they promise overshoot where they explain the same. So each is also tried
+        as it was fitted alone, beside the other as it promises, and beside little of it.
+        """
+        objective = self._problem.screen.objective
+        cases = []
+        for pair in _pairs(view):
+            structure, both = view.start(pair)
+            little = structure.zero + _LITTLE * (both - structure.zero)
+            rows = [both]
+            for single, values in singles:
+                alone = carried(values, single, structure)
+                for one, other in itertools.permutations(structure.terms[-2:]):
+                    if single.terms[-1].effect is one.effect:
+                        columns = structure.columns(other)
+                        for beside in (both, little):
+                            rows.append(alone.copy())
+                            rows[-1][columns] = beside[columns]
+            cases.append(Case(structure=structure, values=np.array(rows)))
+        return [
+            (case.structure, case.values[int(np.argmin(objective.score(mean_square)))])
+            for case, mean_square in zip(cases, objective.mean_squares(cases), strict=True)
+        ]
 
     def _terms(self, structure: Structure) -> list[Term]:
         """Every effect where it could be added: those present only at places without them."""
