@@ -4,38 +4,17 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.gap.simulation.arm import CHANNELS, arm, arm_text
 from walkerkit.actuators.drivetrain.controller import SampleAndHold, SetpointFilter, SlewLimit
 from walkerkit.actuators.drivetrain.drive import ActuatorLag, Cogging, QuadraticDrag
 from walkerkit.actuators.drivetrain.friction import AsymmetricFriction, LoadDependentFriction
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
-from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
 STEP = 0.002
-ARM = """
-<mujoco><compiler angle="radian"/>
-<option timestep="0.002" integrator="{integrator}"/>
-<worldbody><body><joint name="hip" axis="0 1 0" damping="{damping}" armature="0.01"/>
-  <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="1"/>
-  <body pos="0 0 -0.3"><joint name="knee" axis="0 1 0" damping="0.05" frictionloss="{dry}"/>
-    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.4"/></body></body></worldbody>
-<actuator>
-  <position name="hip" joint="hip" kp="60" kv="2" forcerange="-8 8" {hip}/>
-  <position name="knee" joint="knee" kp="25" kv="1" delay="0.004" nsample="2" {knee}/>
-</actuator></mujoco>
-"""
-CHANNELS = tuple(
-    Channel(joint=joint, signal=signal)
-    for signal in ("position", "velocity", "effort")
-    for joint in ("hip", "knee")
-)
-
-
-def arm(integrator="implicitfast", damping="0.1", dry="0.1", hip="", knee=""):
-    text = ARM.format(integrator=integrator, damping=damping, dry=dry, hip=hip, knee=knee)
-    return robot_from_spec(mujoco.MjSpec.from_string(text), "arm.xml")
 
 
 def recording(n=500, start=0.0):
@@ -62,7 +41,7 @@ def predict(robot, law=None, joint="knee", hold="zero_order", n=1, **parameters)
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
 def test_a_law_too_small_to_matter_changes_not_one_bit(integrator):
-    robot = arm(integrator)
+    robot = arm(integrator=integrator)
     native = predict(robot)
     np.testing.assert_array_equal(predict(robot, Cogging, amplitude=1e-300), native)
     np.testing.assert_array_equal(predict(robot, SlewLimit, rate=1e8), native)
@@ -98,7 +77,7 @@ def test_asymmetric_friction_is_a_bias_and_the_mean():
 
 def test_actuator_lag_is_mujoco_s_filter_on_a_motor():
     # A first-order filter before a constant gain is one behind it.
-    text = ARM.format(integrator="Euler", damping="0.1", dry="0", hip="", knee="")
+    text = arm_text(integrator="Euler", dry="0")
     text = text.replace('kp="25" kv="1" delay="0.004" nsample="2"', 'kp="25"')
     native_text = text.replace(
         '<position name="knee" joint="knee" kp="25" />',

@@ -1,41 +1,20 @@
 """Robots in one batch predict what each predicts alone, whatever differs between them."""
 
-import mujoco
 import numpy as np
 import pytest
 
+from tests.gap.simulation.arm import CHANNELS, arm
 from walkerkit.actuators.drivetrain.controller import IntegralAction, SetpointFilter
 from walkerkit.actuators.drivetrain.drive import Cogging
 from walkerkit.actuators.drivetrain.friction import LoadDependentFriction
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
-from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
-from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.replay import Replay, predict_together
 from walkerkit.gap.simulation.together import Asked
 from walkerkit.gap.simulation.trials import Trials
 
-ARM = """
-<mujoco><compiler angle="radian"/>
-<option timestep="{step}" integrator="{integrator}" gravity="0 0 {gravity}"/>
-<worldbody><body><joint name="hip" axis="0 1 0" damping="0.1" armature="0.01"/>
-  <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="{mass}"/>
-  <body pos="0 0 -0.3"><joint name="knee" axis="0 1 0" damping="0.05" frictionloss="0.1"/>
-    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.4"/></body></body></worldbody>
-<actuator>
-  <position name="hip" joint="hip" kp="{kp}" kv="2" forcerange="-8 8" {hip}/>
-  <position name="knee" joint="knee" kp="25" kv="1" delay="0.004" nsample="2"/>
-</actuator></mujoco>
-"""
-AS_IT_IS = {"kp": 60, "mass": 1, "gravity": -9.81, "step": 0.002, "integrator": "implicitfast"}
-CHANNELS = tuple(
-    Channel(joint=joint, signal=signal)
-    for signal in ("position", "velocity", "effort")
-    for joint in ("hip", "knee")
-)
-
 
 def replay(seed: int, n: int = 300, **changed: object) -> Replay:
-    text = ARM.format(**{"hip": "", **AS_IT_IS, **changed})
     time = 0.002 * np.arange(n)
     phase = np.random.default_rng(seed).uniform(0, 6, 2)
     recording = Recording(
@@ -48,8 +27,7 @@ def replay(seed: int, n: int = 300, **changed: object) -> Replay:
             "knee/position_target": 0.4 + 0.35 * np.sin(7 * time + phase[1]),
         },
     )
-    robot = robot_from_spec(mujoco.MjSpec.from_string(text), "arm.xml")
-    return Replay(robot, whole(recording), CHANNELS, n_threads=1)
+    return Replay(arm(**changed), whole(recording), CHANNELS, n_threads=1)
 
 
 def trials(one: Replay, law=None, **parameters: float) -> Trials:
