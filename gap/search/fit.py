@@ -122,7 +122,7 @@ def _fit(
     taken = dict.fromkeys(active, 0)
     slopes: dict[int, Slopes] = {}
     size = sum(len(best[i].values) for i in active) * objective.measured.nbytes
-    if near is not None and len(near.jacobian) and size <= _KEPT:
+    if near is not None and size <= _KEPT:
         slopes = dict(zip(active, _near(objective, near, [best[i] for i in active]), strict=True))
     while active:
         if progress:
@@ -237,7 +237,7 @@ def polished(
 
     def make() -> list[Fit]:
         slopes = None
-        if near is not None and len(near.jacobian):
+        if near is not None:
             slopes = next(_near(objective, near, [start]))
         found, _ = polish(objective, start, slopes, iterations=iterations, certain=certain)
         return [found]
@@ -450,6 +450,11 @@ def linearised(objective: Objective, one: Fit) -> Slopes:
     """The slopes at a fit."""
     (found,) = _linearised(objective, [one])
     return found
+
+
+def slopes_to_carry(objective: Objective, one: Fit) -> Slopes | None:
+    """The slopes at a fit, for others to begin with; None where it has no numbers."""
+    return linearised(objective, one) if len(one.values) else None
 
 
 def losses(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:

@@ -11,7 +11,7 @@ place, those as good are its confusion set. What is left is fitted over whole ro
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -112,8 +112,7 @@ def name_effects(
         current = whole
         problem.refine(current)
         base = weigh(problem, [current])
-    rounds = _told(problem, tries, current, base, contests)
-    return *rounds[:-1], replace(rounds[-1], whole=whole is not None)
+    return _told(problem, tries, current, base, contests, whole=whole is not None)
 
 
 def _simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -> Fit:
@@ -194,7 +193,13 @@ def _winner(problem: Problem, fits: Sequence[Fit], evidence: Evidence) -> int | 
 
 
 def _told(
-    problem: Problem, tries: Tries, current: Fit, base: Evidence, contests: Sequence[Contest]
+    problem: Problem,
+    tries: Tries,
+    current: Fit,
+    base: Evidence,
+    contests: Sequence[Contest],
+    *,
+    whole: bool,
 ) -> tuple[Round, ...]:
     """The explanation effect by effect, and what was tried in vain after it."""
     terms = current.structure.terms
@@ -243,6 +248,7 @@ def _told(
             evidence=base,
             one_sided=bool(tried.fits)
             and one_sided(problem, Evidence.joined([base, tried.evidence])),
+            whole=whole,
         )
     )
     return tuple(rounds)

@@ -6,7 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from walkerkit.gap.search.evidence import weigh
-from walkerkit.gap.search.fit import Fit, Slopes, evaluate, fit, linearised, losses, polished
+from walkerkit.gap.search.fit import (
+    Fit,
+    Slopes,
+    evaluate,
+    fit,
+    linearised,
+    losses,
+    polished,
+    slopes_to_carry,
+)
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Structure, Term, carried
 from walkerkit.gap.search.worth import least_gain, worth_it
@@ -26,15 +35,17 @@ def refit(
         structures: the others.
         slopes: of the fit in the race, where they are known.
     """
+    if not structures:
+        return []
     objective = problem.race.objective
     starts = evaluate(
         objective, [(s, carried(source.values, source.structure, s)) for s in structures]
     )
     if slopes is None:
-        slopes = linearised(objective, source)
+        slopes = slopes_to_carry(objective, source)
     if len(starts) > 1:
         return fit(objective, starts, iterations=_REFITS, near=slopes)
-    return [polished(objective, one, slopes, iterations=_REFITS, certain=False) for one in starts]
+    return [polished(objective, starts[0], slopes, iterations=_REFITS, certain=False)]
 
 
 def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:

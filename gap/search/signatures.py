@@ -270,10 +270,10 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     objective = half.objective
     own = current.case
     (simulated,) = objective.simulated([own])[0]
-    slopes = linearised(objective, current).jacobian
-    slopes = slopes[np.square(slopes).sum(axis=(1, 2)) > 0]
-    nuisance = np.concatenate([slopes, objective.numerical])
-    hopeful = _hopeful(objective, current, simulated, terms, _MOST_HOPEFUL)
+    slopes = linearised(objective, current)
+    felt = slopes.jacobian[np.square(slopes.jacobian).sum(axis=(1, 2)) > 0]
+    nuisance = np.concatenate([felt, objective.numerical])
+    hopeful = _hopeful(objective, current, simulated, slopes.residual, terms, _MOST_HOPEFUL)
     found = _simulate(objective, current, simulated, hopeful)
     view = View(objective, current, simulated, nuisance, found)
     best = view.channels * (view.score - min(view.promise([i]) for i in range(len(terms))))
@@ -283,7 +283,7 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
         for term, one in zip(terms, found, strict=True)
         if term.shared and _promise_apart(objective, simulated, one.changes) > least
     ]
-    hopeful = _hopeful(objective, current, simulated, apart, _MOST_APART)
+    hopeful = _hopeful(objective, current, simulated, slopes.residual, apart, _MOST_APART)
     view.extend(_simulate(objective, current, simulated, hopeful))
     return view
 
@@ -294,17 +294,29 @@ def _promise_apart(objective: Objective, residual: FloatArray, changes: Single) 
 
 
 def _hopeful(
-    objective: Objective, current: Fit, simulated: FloatArray, terms: Sequence[Term], count: int
+    objective: Objective,
+    current: Fit,
+    simulated: FloatArray,
+    residual: FloatArray,
+    terms: Sequence[Term],
+    count: int,
 ) -> list[_Tries]:
     """The magnitudes of every term that are worth a simulation of their own at each place.
 
     An effect of many places is first tried at all of them at once. What then promises least, for
     whatever multiple of the change each channel may take, is not tried further.
+
+    Args:
+        objective: the recordings.
+        current: what is already explained.
+        simulated: (rows, n_scored) what it leaves, with the numerical error in it.
+        residual: (rows, n_scored) the same without.
+        terms: the effects.
+        count: how many effects of many places are tried at each.
     """
     tries = [_tries(current, term) for term in terms]
     several = [k for k, one in enumerate(tries) if len(one.term.places) > 1]
     cases = [tries[k].at_once(current) for k in several]
-    (residual,) = objective.residuals([current.case])[0]
     joints = [channel.joint for channel in objective.channels]
     of_joint = np.array([[joint == own for own in joints] for joint in dict.fromkeys(joints)])
     promised: dict[int, FloatArray] = {}
@@ -321,19 +333,19 @@ def _hopeful(
 
 
 def _best_magnitudes(
-    tries: _Tries, promised: FloatArray, of_joint: Sequence[str | None]
+    tries: _Tries, promised: FloatArray, joints: Sequence[str | None]
 ) -> list[int]:
     """Indices of the tries that promise most in the channels of their own place, few for each.
 
     Args:
         tries: the tries.
         promised: (n_magnitudes, n_scored) what each takes off, at all places at once.
-        of_joint: (n_scored,) whose channel each is.
+        joints: (n_scored,) whose channel each is.
     """
     kept = []
     for place in dict.fromkeys(tries.places):
         here = [k for k, other in enumerate(tries.places) if other == place]
-        own = [joint == place for joint in of_joint]
+        own = [joint == place for joint in joints]
         merit = promised[: len(here), own if any(own) else slice(None)].sum(axis=1)
         best = np.argsort(-np.nan_to_num(merit, nan=np.inf), kind="stable")[:_MAGNITUDES]
         kept += [here[k] for k in sorted(best)]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit, linearised
+from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit, slopes_to_carry
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.keeping import at_floor
 from walkerkit.gap.search.objective import Case
@@ -115,7 +115,7 @@ class Tries:
             race,
             evaluate(race, starts),
             race=[len(structure.terms) for structure, _ in starts],
-            near=linearised(race, current),
+            near=slopes_to_carry(race, current),
             progress=self._progress,
             stage=stage.format("fitting"),
         )
@@ -173,7 +173,7 @@ class Tries:
         chosen = [k for k in by_promise[:_MOST_WARM] if promised[k] < least]
         chosen += [k for k in by_start[:_MOST_SINGLES] if warm[k].score < least]
         chosen = list(dict.fromkeys([*chosen, *by_promise[:_FEWEST_SINGLES]]))
-        near = linearised(objective, current)
+        near = slopes_to_carry(objective, current)
         for _ in range(_WARM):
             further = fit(objective, [warm[k] for k in chosen], iterations=1, near=near)
             for k, one in zip(chosen, further, strict=True):
