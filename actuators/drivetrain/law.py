@@ -69,6 +69,15 @@ class Step:
     target_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
     effort_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
 
+    def of(self, sims: slice) -> Step:
+        """The step of some of the simulations, as views."""
+        part = object.__new__(Step)
+        n = len(self.q)
+        for name, value in self.__dict__.items():
+            every = name == "dt" or len(value) != n
+            part.__dict__[name] = value if every else value[sims]
+        return part
+
 
 Parameters = Mapping[str, FloatArray]
 State = dict[str, FloatArray]
@@ -138,10 +147,11 @@ class DrivetrainLaw(abc.ABC):
         return None
 
     @classmethod
-    def acts(cls, p: Parameters) -> bool:
-        """Some of these parameters let it do anything."""
+    def acting(cls, p: Parameters) -> NDArray[np.bool_]:
+        """Where these parameters, of one shape each, let it do anything."""
         sizes = cls.parameter_names()[: cls.sizes]
-        return any(bool((p[name] != cls.neutral[name]).any()) for name in sizes)
+        found: NDArray[np.bool_] = np.any([p[name] != cls.neutral[name] for name in sizes], axis=0)
+        return found
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:

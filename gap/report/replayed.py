@@ -18,9 +18,8 @@ from walkerkit.gap.report.locate import gap_map
 from walkerkit.gap.report.regimes import regimes
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Half, Problem, channel_noise
-from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are, predict_together
 from walkerkit.gap.simulation.robot import Robot
-from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
 
@@ -84,7 +83,7 @@ def replay_half(problem: Problem, half_name: str, robots: Sequence[Robot]) -> Re
         )
     return Replayed(
         replays=tuple(replays),
-        predicted=tuple(replay.predict(Trials(replay.robot, 1))[0] for replay in replays),
+        predicted=tuple(as_they_are(replays, problem.n_threads)),
     )
 
 
@@ -124,11 +123,9 @@ def gaps_of(replayed: Replayed) -> dict[str, float]:
 def gaps_with(problem: Problem, fit: Fit) -> dict[str, float]:
     """The held-out gap of every signal with a fit, numerical error and all."""
     replays = problem.held.told
-    predicted = (
-        replay.predict(fit.structure.trials(replay.robot, fit.values[None]))[0]
-        for replay in replays
-    )
-    return gaps_of(Replayed(replays=replays, predicted=tuple(predicted)))
+    trials = [fit.structure.trials(replay.robot, fit.values[None]) for replay in replays]
+    predicted = predict_together(replays, trials, problem.n_threads)
+    return gaps_of(Replayed(replays=replays, predicted=tuple(one[0] for one in predicted)))
 
 
 def gap_maps(
@@ -222,21 +219,16 @@ def unit_of(problem: Problem, channels: Sequence[Channel]) -> str:
 
 def _numerical_floor(problem: Problem, after: Replayed) -> float:
     """Root-mean-square change of the held-out positions at a quarter of the timestep."""
-    finer = []
-    for replay in after.replays:
-        fine = Replay(
-            replay.robot.refined(_QUARTER),
-            replay.segments,
-            replay.channels,
-            hold=problem.hold,
-            n_threads=problem.n_threads,
-        )
-        finer.append(fine.predict(Trials(fine.robot, 1))[0])
+    fine = [
+        Replay(r.robot.refined(_QUARTER), r.segments, r.channels, hold=problem.hold)
+        for r in after.replays
+    ]
+    finer = as_they_are(fine, problem.n_threads)
     squares, count = 0.0, 0
-    for replay, coarse, fine in zip(after.replays, after.predicted, finer, strict=True):
+    for replay, coarse, other in zip(after.replays, after.predicted, finer, strict=True):
         columns = [c for c, channel in enumerate(replay.channels) if channel.signal == "position"]
         known = np.isfinite(replay.measured[:, columns])
-        change = np.where(known, fine[:, columns] - coarse[:, columns], 0.0)
+        change = np.where(known, other[:, columns] - coarse[:, columns], 0.0)
         squares += float(np.square(change).sum())
         count += int(known.sum())
     return float(np.sqrt(squares / count))

@@ -279,9 +279,9 @@ class Slopes:
         """Moves on by a step, (n_parameters,) in scales, to where the residual is another."""
         changed = residual - self.residual
         missed = changed - np.tensordot(step, self.jacobian, 1)
-        along = step / (step @ step)
+        length = float(step @ step)
         for k in np.flatnonzero(step):
-            self.jacobian[k] += along[k] * missed
+            self.jacobian[k] += step[k] / length * missed
         self.residual = residual.copy()
         size, wrong = (float(np.sum(weights * one**2)) for one in (changed, missed))
         self.right = wrong < _RIGHT**2 * size

@@ -8,7 +8,7 @@ gaps that are five per cent smaller.
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import deque
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,6 +28,7 @@ _Float = TypeVar("_Float", np.float32, np.float64)
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
 _FACTORS = ((0.0, 3.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
 _REMEMBERED = 4  # values at which the numerical error is known
+_SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
 _SWEEPS = 30
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _BLOCK = 0.5  # s; longer than the memory of a joint's error
@@ -104,7 +105,7 @@ class Objective:
         # A channel that only other recordings have counts, but nothing can change its score.
         self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
         self.block = _blocks(replays)
-        self._refined: OrderedDict[Hashable, FloatArray] = OrderedDict()
+        self._refined: deque[tuple[Hashable, FloatArray, FloatArray]] = deque(maxlen=_REMEMBERED)
 
     def leave_as_simulated(self) -> None:
         """Takes no numerical error out of what will be simulated."""
@@ -120,16 +121,18 @@ class Objective:
             own: (rows, n_scored) their residual as simulated, where it is known.
         """
         self.leave_as_simulated()
-        key = (*case.structure.key, case.values.tobytes())
-        if key not in self._refined:
-            residuals = [self.residuals([case])[0][0] if own is None else own]
-            residuals += [one.residuals([case])[0][0] for one in finer]
-            if not all(np.isfinite(residual).all() for residual in residuals):
-                residuals = residuals[:1]
-            while len(self._refined) >= _REMEMBERED:
-                self._refined.popitem(last=False)
-            self._refined[key] = np.diff(np.stack(residuals), axis=0)
-        self.numerical = self._refined[key]
+        structure, values = case.structure, case.values[0]
+        for key, at, changes in self._refined:
+            far = np.abs(values - at) > _SAME_ERROR * structure.scale if key == structure.key else 1
+            if not np.any(far):
+                self.numerical = changes
+                return
+        residuals = [self.residuals([case])[0][0] if own is None else own]
+        residuals += [one.residuals([case])[0][0] for one in finer]
+        if not all(np.isfinite(residual).all() for residual in residuals):
+            residuals = residuals[:1]
+        self.numerical = np.diff(np.stack(residuals), axis=0)
+        self._refined.append((structure.key, values, self.numerical))
 
     def moves(self, only: Sequence[int | None]) -> Moves:
         """Puts moves in different branches of the robots into one row.

@@ -34,6 +34,7 @@ _RIDGE = 1e-6  # of a change's own size
 _OF_THE_BEST = 0.5  # of its promise, which an effect has to reach to be looked at joint by joint
 _MOST_HOPEFUL, _MOST_APART = 16, 6  # effects that are tried place by place; usually shared ones
 _MAGNITUDES = 2  # of an effect, that are tried at each place
+_MOST_ROWS = 192  # of tries at single places; beyond that one magnitude and fewer effects
 _NEEDED = 0.02  # a place that promises less, summed over the channels, is left out
 
 
@@ -325,15 +326,23 @@ def _hopeful(
             promised[k] = _promises(objective, residual, (block - simulated).astype(np.float32))
     # What one joint lacks is not to drown in what the others would take of their noise.
     most = {k: _largest(one @ of_joint.T) for k, one in promised.items()}
-    hopeful = sorted(several, key=lambda k: -most[k])[:count]
+    hopeful = [k for k in sorted(several, key=lambda k: -most[k])[:count] if most[k] > 0]
+    for magnitudes in range(_MAGNITUDES, 0, -1):
+        some = {
+            k: tries[k].some(_best_magnitudes(tries[k], promised[k], joints, magnitudes))
+            for k in hopeful
+        }
+        rows = np.cumsum([1 + objective.moves(one.branches).row.max() for one in some.values()])
+        if rows.size and rows[-1] <= _MOST_ROWS:
+            break
+    few = dict(zip(hopeful, rows <= max(_MOST_ROWS, rows.min(initial=0)), strict=True))
     for k in several:
-        worth = k in hopeful and most[k] > 0
-        tries[k] = tries[k].some(_best_magnitudes(tries[k], promised[k], joints) if worth else [])
+        tries[k] = some[k] if few.get(k) else tries[k].some([])
     return tries
 
 
 def _best_magnitudes(
-    tries: _Tries, promised: FloatArray, joints: Sequence[str | None]
+    tries: _Tries, promised: FloatArray, joints: Sequence[str | None], count: int
 ) -> list[int]:
     """Indices of the tries that promise most in the channels of their own place, few for each.
 
@@ -341,13 +350,14 @@ def _best_magnitudes(
         tries: the tries.
         promised: (n_magnitudes, n_scored) what each takes off, at all places at once.
         joints: (n_scored,) whose channel each is.
+        count: how many magnitudes.
     """
     kept = []
     for place in dict.fromkeys(tries.places):
         here = [k for k, other in enumerate(tries.places) if other == place]
         own = [joint == place for joint in joints]
         merit = promised[: len(here), own if any(own) else slice(None)].sum(axis=1)
-        best = np.argsort(-np.nan_to_num(merit, nan=np.inf), kind="stable")[:_MAGNITUDES]
+        best = np.argsort(-np.nan_to_num(merit, nan=np.inf), kind="stable")[:count]
         kept += [here[k] for k in sorted(best)]
     return kept
 

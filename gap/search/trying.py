@@ -32,6 +32,7 @@ MOST_EFFECTS = 5
 _WARM, _KEPT_WARM = 2, 2  # steps, and how many take the second for each that is raced
 _MOST_WARM, _HOPE = 24, 0.3  # that take the first, and what they promise of the least that matters
 _OF_THE_BEST = 0.2  # of its gain, which others have to reach by then
+_WORSE = 2.0  # than without it, summed over the channels: a start that no race brings back
 _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _LIKE = 0.25  # of an effect's promise, which another has to reach to stand in for it
@@ -183,7 +184,8 @@ class Tries:
             good = [k for k in chosen if warm[k].score < least]
             chosen = max(good, chosen[:_FEWEST_SINGLES], key=len)[: _KEPT_WARM * _MOST_SINGLES]
         chosen = list(dict.fromkeys([*chosen[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]]))
-        return [(warm[k].structure, warm[k].values) for k in chosen]
+        worst = view.score + _WORSE / view.channels
+        return [(warm[k].structure, warm[k].values) for k in chosen if warm[k].score < worst]
 
     def _paired(
         self, view: View, singles: Sequence[tuple[Structure, FloatArray]]
@@ -208,10 +210,13 @@ class Tries:
                             rows.append(alone.copy())
                             rows[-1][columns] = beside[columns]
             cases.append(Case(structure=structure, values=np.array(rows)))
-        return [
-            (case.structure, case.values[int(np.argmin(objective.score(mean_square)))])
-            for case, mean_square in zip(cases, objective.mean_squares(cases), strict=True)
-        ]
+        worst = view.score + _WORSE / view.channels
+        found = []
+        for case, mean_square in zip(cases, objective.mean_squares(cases), strict=True):
+            scores = objective.score(mean_square)
+            if scores.min() < worst:
+                found.append((case.structure, case.values[int(np.argmin(scores))]))
+        return found
 
     def _terms(self, structure: Structure) -> list[Term]:
         """Every effect where it could be added: those present only at places without them."""

@@ -71,9 +71,13 @@ class Laws:
                     values, n_segments
                 )
         # In the order in which those of a stage act.
-        each = [(law, found[law]) for law in LAWS.values() if law in found]
+        each = [
+            (law, found[law])
+            for law in LAWS.values()
+            if law in found and law.acting(found[law]).any()
+        ]
         self.of_targets = [(law, p) for law, p in each if law.targets_only]
-        self.stepwise = [(law, p) for law, p in each if not law.targets_only and law.acts(p)]
+        self.stepwise = [(law, p) for law, p in each if not law.targets_only]
 
     def joins(self, other: Laws) -> bool:
         """Whether these laws and others can be run as one."""
@@ -114,7 +118,7 @@ class Laws:
 
     def bank(self) -> LawBank:
         """The laws that are run step by step, with nothing to remember yet."""
-        return LawBank(self.stepwise, self.shape, self.dt)
+        return LawBank(self.stepwise, self.shape, self.dt, sparse=True)
 
     def step(self) -> Step:
         """A step in which nothing happens."""
@@ -152,7 +156,8 @@ class Laws:
         """
         if not self.of_targets:
             return ctrl, None
-        bank, step, forces = LawBank(self.of_targets, self.shape, self.dt), self.step(), self.forces
+        bank = LawBank(self.of_targets, self.shape, self.dt, sparse=True)
+        step, forces = self.step(), self.forces
         controls = np.array(ctrl[..., forces.ctrl].swapaxes(0, 1), order="C")
         targets = forces.targets(controls)
         ahead = np.zeros_like(targets)

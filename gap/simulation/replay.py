@@ -432,6 +432,12 @@ def predict_together(
     return [predicted[k] for k in range(len(runs))]
 
 
+def as_they_are(replays: Sequence[Replay], n_threads: int) -> list[FloatArray]:
+    """What each of several replays predicts, (rows, channels), of its robot as it is."""
+    trials = [Trials(replay.robot, 1) for replay in replays]
+    return [one[0] for one in predict_together(replays, trials, n_threads)]
+
+
 def _clocks(trials: Trials, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Delays of the logged positions [s], and seconds per second on the log's clock.
 

@@ -26,7 +26,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, whole
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
@@ -100,8 +100,8 @@ def residual_effort(
             for recording in mine
             if all(joint in recording.joints for joint in joints)
         ]
-        for robot, recording in recordings:
-            own = _own_log(problem, robot, recording) if problem.window is None else None
+        own_logs = _own_logs(problem, recordings)
+        for (robot, recording), own in zip(recordings, own_logs, strict=True):
             for segments in _batches(recording, _MOST // len(recordings)):
                 part = _windows(problem, robot, segments, joints)
                 if own is not None:
@@ -130,20 +130,32 @@ def residual_effort(
     )
 
 
-def _own_log(problem: Problem, robot: Robot, recording: Recording) -> Recording | None:
-    """What the simulation itself logs of an experiment; None where it diverges."""
-    channels = [Channel(joint=joint, signal="position") for joint in recording.joints]
-    replay = Replay(
-        robot, whole(recording), channels, hold=problem.hold, n_threads=problem.n_threads
-    )
-    (predicted,) = replay.predict(Trials(robot, 1))
-    if not np.isfinite(predicted).all():
-        return None
-    logged = {
-        f"{joint}/position": column
-        for joint, column in zip(recording.joints, predicted.T, strict=True)
-    }
-    return replace(recording, columns={**recording.columns, **logged})
+def _own_logs(
+    problem: Problem, experiments: Sequence[tuple[Robot, Recording]]
+) -> list[Recording | None]:
+    """What the simulation itself logs of experiments; None where it diverges, or in windows."""
+    if problem.window is not None:
+        return [None] * len(experiments)
+    replays = [
+        Replay(
+            robot,
+            whole(recording),
+            [Channel(joint=joint, signal="position") for joint in recording.joints],
+            hold=problem.hold,
+        )
+        for robot, recording in experiments
+    ]
+    found: list[Recording | None] = []
+    for (_, recording), predicted in zip(
+        experiments, as_they_are(replays, problem.n_threads), strict=True
+    ):
+        logged = {
+            f"{joint}/position": column
+            for joint, column in zip(recording.joints, predicted.T, strict=True)
+        }
+        known = bool(np.isfinite(predicted).all())
+        found.append(replace(recording, columns={**recording.columns, **logged}) if known else None)
+    return found
 
 
 def _batches(recording: Recording, most: int) -> Iterator[list[Segment]]:
