@@ -63,15 +63,21 @@ def evaluate(objective: Objective, fits: Sequence[tuple[Structure, FloatArray]])
 
 
 def _evaluate(objective: Objective, fits: Sequence[tuple[Structure, FloatArray]]) -> list[Fit]:
-    cases = [Case(structure=s, values=v[None]) for s, v in fits]
+    return best_of(objective, [Case(structure=s, values=v[None]) for s, v in fits])
+
+
+def best_of(objective: Objective, cases: Sequence[Case]) -> list[Fit]:
+    """The row of each case that scores best."""
     found = []
-    for case, (mean_square,) in zip(cases, objective.mean_squares(cases), strict=True):
+    for case, mean_square in zip(cases, objective.mean_squares(cases), strict=True):
+        scores = objective.score(mean_square)
+        k = int(np.argmin(scores))
         found.append(
             Fit(
                 structure=case.structure,
-                values=case.values[0],
-                score=float(objective.score(mean_square)),
-                mean_square=mean_square,
+                values=case.values[k],
+                score=float(scores[k]),
+                mean_square=mean_square[k],
             )
         )
     return found

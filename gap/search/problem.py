@@ -30,7 +30,7 @@ _SCORED = ("position", "effort", "base_position", "base_orientation")
 _STRETCH, _SCREEN_STRETCH = 1.5, 1.0  # s
 _MOST_STEPS, _RACE_STEPS, _SCREEN_STEPS = 40_000, 12_000, 4_000
 _MOST_WHOLE = 80_000
-_FEWEST = 3  # of a robot's stretches, whatever their steps
+_FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
@@ -168,6 +168,8 @@ def build(
         for robot, fit, held in zip(robots, fitted, held_out, strict=True)
     ]
 
+    fewest = min(_FEWEST, -(-_FEWEST_OF_ALL // len(sized)))
+
     def replays(
         recordings: Sequence[Sequence[Recording]],
         parts: Callable[[Sequence[Recording], float], tuple[Segment, ...]],
@@ -195,8 +197,9 @@ def build(
     ) -> Half:
         def parts(mine: Sequence[Recording], phase: float) -> tuple[Segment, ...]:
             if window is not None:
-                return _spread(cut(mine, window), share, phase)
-            return _spread([s for one in mine for s in stretches(one, stretch)], share, phase)
+                return _spread(cut(mine, window), share, phase, fewest)
+            every = [s for one in mine for s in stretches(one, stretch)]
+            return _spread(every, share, phase, fewest)
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
@@ -232,9 +235,11 @@ def build(
     )
 
 
-def _spread(segments: Sequence[Segment], share: float, phase: float) -> tuple[Segment, ...]:
+def _spread(
+    segments: Sequence[Segment], share: float, phase: float, fewest: int
+) -> tuple[Segment, ...]:
     """A share of the segments, evenly spread: they are alike, so that some tell as much as all."""
-    count = min(len(segments), max(_FEWEST, round(share * len(segments))))
+    count = min(len(segments), max(fewest, round(share * len(segments))))
     places = (np.arange(count) + phase) * len(segments) / count
     return tuple(segments[int(k)] for k in places)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, Progress, evaluate, fit, slopes_to_carry
+from walkerkit.gap.search.fit import Fit, Progress, best_of, evaluate, fit, slopes_to_carry
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.keeping import at_floor
 from walkerkit.gap.search.objective import Case
@@ -32,11 +32,12 @@ MOST_EFFECTS = 5
 _WARM, _KEPT_WARM = 2, 2  # steps, and how many take the second for each that is raced
 _MOST_WARM, _HOPE = 24, 0.3  # that take the first, and what they promise of the least that matters
 _OF_THE_BEST = 0.2  # of its gain, which others have to reach by then
-_WORSE = 2.0  # than without it, summed over the channels: a start that no race brings back
+_WORSE = 1.0  # gaps in the mean e times those without it: a start that no race brings back
 _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _LIKE = 0.25  # of an effect's promise, which another has to reach to stand in for it
 _LITTLE = 0.1  # of what an effect promises
+_LESS = (0.3, 0.1)  # of a start that is worse than the present fit
 _NO_MORE = 0.05  # of a promise, summed over the channels
 
 
@@ -174,6 +175,10 @@ class Tries:
         chosen = [k for k in by_promise[:_MOST_WARM] if promised[k] < least]
         chosen += [k for k in by_start[:_MOST_SINGLES] if warm[k].score < least]
         chosen = list(dict.fromkeys([*chosen, *by_promise[:_FEWEST_SINGLES]]))
+        overshot = [k for k in chosen if warm[k].score > view.score]
+        for k, less in zip(overshot, self._lessened([warm[k] for k in overshot]), strict=True):
+            if less.score < view.score:
+                warm[k] = less
         near = slopes_to_carry(objective, current)
         for _ in range(_WARM):
             further = fit(objective, [warm[k] for k in chosen], iterations=1, near=near)
@@ -184,8 +189,24 @@ class Tries:
             good = [k for k in chosen if warm[k].score < least]
             chosen = max(good, chosen[:_FEWEST_SINGLES], key=len)[: _KEPT_WARM * _MOST_SINGLES]
         chosen = list(dict.fromkeys([*chosen[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]]))
-        worst = view.score + _WORSE / view.channels
+        worst = view.score + _WORSE
         return [(warm[k].structure, warm[k].values) for k in chosen if warm[k].score < worst]
+
+    def _lessened(self, starts: Sequence[Fit]) -> list[Fit]:
+        """Starts with less of their last effect, or of the first number of it."""
+        cases = []
+        for one in starts:
+            term = one.structure.terms[-1]
+            columns = one.structure.columns(term)
+            first = np.array([one.structure.columns(term, place)[0] for place in term.places])
+            away = one.values - one.structure.zero
+            rows = []
+            for some in (columns, first):
+                for part in _LESS:
+                    rows.append(one.values.copy())
+                    rows[-1][some] -= (1 - part) * away[some]
+            cases.append(Case(structure=one.structure, values=np.array(rows)))
+        return best_of(self._problem.screen.objective, cases)
 
     def _paired(
         self, view: View, singles: Sequence[tuple[Structure, FloatArray]]
@@ -210,13 +231,9 @@ class Tries:
                             rows.append(alone.copy())
                             rows[-1][columns] = beside[columns]
             cases.append(Case(structure=structure, values=np.array(rows)))
-        worst = view.score + _WORSE / view.channels
-        found = []
-        for case, mean_square in zip(cases, objective.mean_squares(cases), strict=True):
-            scores = objective.score(mean_square)
-            if scores.min() < worst:
-                found.append((case.structure, case.values[int(np.argmin(scores))]))
-        return found
+        worst = view.score + _WORSE
+        best = best_of(objective, cases)
+        return [(one.structure, one.values) for one in best if one.score < worst]
 
     def _terms(self, structure: Structure) -> list[Term]:
         """Every effect where it could be added: those present only at places without them."""
