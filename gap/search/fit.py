@@ -32,6 +32,7 @@ _AT_BOUND = 1e-6  # of the width between the bounds
 _RIGHT = 0.1  # of what a step changes may be otherwise than the slopes said
 _KEEPS = 0.5  # of its promise that a whole step has to keep
 _KEPT = 2**28  # bytes of slopes that are carried along
+_RACED, _FEWEST_RACED = 64, 3  # steps in a race, times numbers; and whatever their number
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
 
@@ -155,7 +156,8 @@ def _fit(
             least = _CONVERGED if race is None else _CONVERGED_IN_RACE
             if gains[i] > least and (race is None or best[i].score - leader < _PACES * gains[i]):
                 taken[i] += 1
-                if taken[i] < iterations:
+                most = iterations if race is None else _RACED // len(best[i].values)
+                if taken[i] < min(iterations, max(_FEWEST_RACED, most)):
                     active.append(i)
             elif i not in trusted:
                 del slopes[i]  # which cannot say that there is no more

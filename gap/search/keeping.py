@@ -26,6 +26,7 @@ _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explai
 _BLURRED = 1.4  # as far as numerical errors raise that noise, at most
 _REFITS = 4
 _PASSES = 2  # of fitting and finding the numerical error again
+_LEAPS = 3  # after each of which the numerical error is another
 _SETTLED = 0.05  # of a parameter's scale
 _AS_GOOD = 0.02  # of a score
 _CERTAIN = 2.0  # standard errors from where a value leaves the robot unchanged
@@ -40,12 +41,15 @@ def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
         if not (moved > _SETTLED).any():
             break
     base = weigh(problem, [current])
-    if not at_floor(problem, current, base):
+    for _ in range(_LEAPS):
+        if at_floor(problem, current, base):
+            break
         problem.race.refine(current)
         better = scanned(problem.fit.objective, current, on=problem.race.objective)
-        if better is not current:
-            problem.refine(better)
-            current, base = better, weigh(problem, [better])
+        if better is current:
+            break
+        problem.refine(better)
+        current, base = better, weigh(problem, [better])
     return current, base
 
 

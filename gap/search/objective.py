@@ -228,11 +228,18 @@ class Objective:
             for replay in self.replays
         ]
         predicted = predict_together(self.replays, trials, self._n_threads)
-        stacks = [one[:, :, self._columns] for one in predicted]
-        residual: FloatArray = np.concatenate(stacks, axis=1) - self.measured
+        residual = np.empty((len(predicted[0]), *self.measured.shape))
+        failed = np.zeros(len(residual), dtype=bool)
+        first = 0
+        for one in predicted:
+            rows = slice(first, first + one.shape[1])
+            scored = one[:, :, self._columns]
+            np.subtract(scored, self.measured[rows], out=residual[:, rows])
+            if np.isnan(scored[:, :, 0]).any():
+                failed |= np.any(np.all(np.isnan(scored), axis=2), axis=1)
+            first = rows.stop
         residual[:, missing] = 0.0
-        failed = np.stack([np.any(np.all(np.isnan(s), axis=2), axis=1) for s in stacks])
-        residual[np.any(failed, axis=0)] = np.nan
+        residual[failed] = np.nan
         return residual
 
     def _take_out_numerical_error(self, residual: FloatArray) -> FloatArray:

@@ -185,8 +185,11 @@ class Replay:
 
     def predicting(self, trials: Trials) -> Predicting:
         """As `predict`, asking for its rollouts and to be sent what `together` makes of them."""
+        parts = rebuilds(trials)
+        if not any(rebuild.needed for rebuild, _ in parts):
+            return (yield from self._predicting(trials))
         predicted = np.full((trials.n, *self.measured.shape), np.nan)
-        for rebuild, rows in rebuilds(trials):
+        for rebuild, rows in parts:
             if rebuild.needed:
                 rebuilt, replay = self._on(rebuild)
                 predicted[rows] = yield from replay.predicting(rebuilt.trials(trials.rows(rows)))
@@ -223,7 +226,9 @@ class Replay:
                 rows = np.arange(start, min(start + chunk, trials.n))
                 lawful, stepwise = trials.with_laws[rows], trials.stepwise[rows]
                 for some in (rows[~lawful], rows[lawful & ~stepwise], rows[stepwise]):
-                    if some.size:
+                    if some.size == trials.n:
+                        yield from self._simulating(group, trials, predicted)
+                    elif some.size:
                         predicted[some] = yield from self._simulating(
                             group, trials.rows(some), predicted[some]
                         )
