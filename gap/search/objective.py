@@ -122,9 +122,9 @@ class Objective:
         """
         self.leave_as_simulated()
         structure, values = case.structure, case.values[0]
+        near = _SAME_ERROR * structure.scale
         for key, at, changes in self._refined:
-            far = np.abs(values - at) > _SAME_ERROR * structure.scale if key == structure.key else 1
-            if not np.any(far):
+            if key == structure.key and (np.abs(values - at) <= near).all():
                 self.numerical = changes
                 return
         residuals = [self.residuals([case])[0][0] if own is None else own]
