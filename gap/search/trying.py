@@ -32,7 +32,7 @@ MOST_EFFECTS = 5
 _WARM, _KEPT_WARM = 2, 2  # steps, and how many take the second for each that is raced
 _MOST_WARM, _HOPE = 24, 0.3  # that take the first, and what they promise of the least that matters
 _OF_THE_BEST = 0.2  # of its gain, which others have to reach by then
-_WORSE = 1.0  # gaps in the mean e times those without it: a start that no race brings back
+_FEW, _WORSE = 6, 1.0  # numbers; gaps in the mean e times those without, for a start of more
 _FEWEST_SINGLES, _MOST_SINGLES, _MOST_PAIRS = 3, 6, 4
 _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over the channels
 _LIKE = 0.25  # of an effect's promise, which another has to reach to stand in for it
@@ -143,7 +143,7 @@ class Tries:
         view = look(self._problem.screen, current, terms)
         starts = self._starters(view, current)
         if starts and not alone and len(current.structure.terms) + 1 < MOST_EFFECTS:
-            starts += self._paired(view, starts)
+            starts += self._paired(view, current, starts)
         return _promised(view), starts
 
     def _start(self, current: Fit, added: Any, values: Any) -> tuple[Structure, FloatArray]:
@@ -189,8 +189,8 @@ class Tries:
             good = [k for k in chosen if warm[k].score < least]
             chosen = max(good, chosen[:_FEWEST_SINGLES], key=len)[: _KEPT_WARM * _MOST_SINGLES]
         chosen = list(dict.fromkeys([*chosen[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]]))
-        worst = view.score + _WORSE
-        return [(warm[k].structure, warm[k].values) for k in chosen if warm[k].score < worst]
+        starts = [warm[k] for k in chosen]
+        return [(one.structure, one.values) for one in starts if _can_come_back(view, current, one)]
 
     def _lessened(self, starts: Sequence[Fit]) -> list[Fit]:
         """Starts with less of their last effect, or of the first number of it."""
@@ -209,7 +209,7 @@ class Tries:
         return best_of(self._problem.screen.objective, cases)
 
     def _paired(
-        self, view: View, singles: Sequence[tuple[Structure, FloatArray]]
+        self, view: View, current: Fit, singles: Sequence[tuple[Structure, FloatArray]]
     ) -> list[tuple[Structure, FloatArray]]:
         """The pairs that are worth a race, each from the best of some starts.
 
@@ -231,9 +231,8 @@ class Tries:
                             rows.append(alone.copy())
                             rows[-1][columns] = beside[columns]
             cases.append(Case(structure=structure, values=np.array(rows)))
-        worst = view.score + _WORSE
         best = best_of(objective, cases)
-        return [(one.structure, one.values) for one in best if one.score < worst]
+        return [(one.structure, one.values) for one in best if _can_come_back(view, current, one)]
 
     def _terms(self, structure: Structure) -> list[Term]:
         """Every effect where it could be added: those present only at places without them."""
@@ -250,6 +249,11 @@ class Tries:
                 if sites:
                     found.append(replace(term, sites=sites, shared=False))
         return found
+
+
+def _can_come_back(view: View, current: Fit, start: Fit) -> bool:
+    """Whether a start is worth a race: few numbers come back from far off, many are dear."""
+    return len(start.values) - len(current.values) <= _FEW or start.score < view.score + _WORSE
 
 
 def _key(structure: Structure) -> _Key:
