@@ -50,18 +50,20 @@ class LawBank:
         self.reset(None)
 
     def reset(self, rows: NDArray[np.intp] | None) -> None:
-        """Forgets the past of all simulations, or of some rows; of all where laws are sparse."""
+        """Forgets the past of all simulations, or of some rows."""
         for law, p, state, sims in self._laws:
             depth = law.depth(p, self._dt) if law.state else None
-            joints = self._shape
+            joints, own = self._shape, rows
             if sims is not None:
                 joints = (sims.stop - sims.start, *self._shape[1:])
+                if rows is not None:
+                    own = rows[(rows >= sims.start) & (rows < sims.stop)] - sims.start
             for name in law.state:
-                if rows is None or sims is not None or name not in state:
+                if own is None or name not in state:
                     shape = joints if depth is None else (*joints, depth)
                     state[name] = np.full(shape, np.nan)
                 else:
-                    state[name][rows] = np.nan
+                    state[name][own] = np.nan
 
     def remember(self, law: type[DrivetrainLaw], state: State) -> None:
         """Tells a law what it remembers of every simulation; see its `state`."""

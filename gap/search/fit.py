@@ -69,19 +69,10 @@ def _evaluate(objective: Objective, fits: Sequence[tuple[Structure, FloatArray]]
 
 def best_of(objective: Objective, cases: Sequence[Case]) -> list[Fit]:
     """The row of each case that scores best."""
-    found = []
-    for case, mean_square in zip(cases, objective.mean_squares(cases), strict=True):
-        scores = objective.score(mean_square)
-        k = int(np.argmin(scores))
-        found.append(
-            Fit(
-                structure=case.structure,
-                values=case.values[k],
-                score=float(scores[k]),
-                mean_square=mean_square[k],
-            )
-        )
-    return found
+    return [
+        _best_row(objective, case, mean_square)[0]
+        for case, mean_square in zip(cases, objective.mean_squares(cases), strict=True)
+    ]
 
 
 def fit(
@@ -344,7 +335,12 @@ def _tried(
 
 def _best(objective: Objective, case: Case, residual: FloatArray) -> tuple[Fit, FloatArray]:
     """The same of values that are simulated, (n, rows, n_scored)."""
-    mean_square = objective.mean_square(residual)
+    found, k = _best_row(objective, case, objective.mean_square(residual))
+    return found, residual[k]
+
+
+def _best_row(objective: Objective, case: Case, mean_square: FloatArray) -> tuple[Fit, int]:
+    """The best of some values whose gaps are known, (n, n_scored), and which it is."""
     scores = objective.score(mean_square)
     k = int(np.argmin(scores))
     found = Fit(
@@ -353,7 +349,7 @@ def _best(objective: Objective, case: Case, residual: FloatArray) -> tuple[Fit, 
         score=float(scores[k]),
         mean_square=mean_square[k],
     )
-    return found, residual[k]
+    return found, k
 
 
 def _residuals(objective: Objective, cases: Sequence[Case]) -> Iterator[FloatArray]:

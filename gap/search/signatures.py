@@ -333,11 +333,11 @@ def _hopeful(
             for k in hopeful
         }
         rows = np.cumsum([1 + objective.moves(one.branches).row.max() for one in some.values()])
-        if rows.size and rows[-1] <= _MOST_ROWS:
+        if not (rows > _MOST_ROWS).any():
             break
-    few = dict(zip(hopeful, rows <= max(_MOST_ROWS, rows.min(initial=0)), strict=True))
+    kept = hopeful[: max(1, int(np.sum(rows <= _MOST_ROWS)))]
     for k in several:
-        tries[k] = some[k] if few.get(k) else tries[k].some([])
+        tries[k] = some[k] if k in kept else tries[k].some([])
     return tries
 
 

@@ -189,8 +189,7 @@ class Tries:
             good = [k for k in chosen if warm[k].score < least]
             chosen = max(good, chosen[:_FEWEST_SINGLES], key=len)[: _KEPT_WARM * _MOST_SINGLES]
         chosen = list(dict.fromkeys([*chosen[:_MOST_SINGLES], *by_promise[:_FEWEST_SINGLES]]))
-        starts = [warm[k] for k in chosen]
-        return [(one.structure, one.values) for one in starts if _can_come_back(view, current, one)]
+        return _worth_a_race(view, current, [warm[k] for k in chosen])
 
     def _lessened(self, starts: Sequence[Fit]) -> list[Fit]:
         """Starts with less of their last effect, or of the first number of it."""
@@ -216,7 +215,6 @@ class Tries:
         Both members as they promise overshoot where they explain the same. So each is also tried
         as it was fitted alone, beside the other as it promises, and beside little of it.
         """
-        objective = self._problem.screen.objective
         cases = []
         for pair in _pairs(view):
             structure, both = view.start(pair)
@@ -231,8 +229,7 @@ class Tries:
                             rows.append(alone.copy())
                             rows[-1][columns] = beside[columns]
             cases.append(Case(structure=structure, values=np.array(rows)))
-        best = best_of(objective, cases)
-        return [(one.structure, one.values) for one in best if _can_come_back(view, current, one)]
+        return _worth_a_race(view, current, best_of(self._problem.screen.objective, cases))
 
     def _terms(self, structure: Structure) -> list[Term]:
         """Every effect where it could be added: those present only at places without them."""
@@ -251,9 +248,16 @@ class Tries:
         return found
 
 
-def _can_come_back(view: View, current: Fit, start: Fit) -> bool:
-    """Whether a start is worth a race: few numbers come back from far off, many are dear."""
-    return len(start.values) - len(current.values) <= _FEW or start.score < view.score + _WORSE
+def _worth_a_race(
+    view: View, current: Fit, starts: Sequence[Fit]
+) -> list[tuple[Structure, FloatArray]]:
+    """Starts that can win: few numbers come back from far off, many are dear and do not."""
+    count, worst = len(current.values) + _FEW, view.score + _WORSE
+    return [
+        (one.structure, one.values)
+        for one in starts
+        if len(one.values) <= count or one.score < worst
+    ]
 
 
 def _key(structure: Structure) -> _Key:

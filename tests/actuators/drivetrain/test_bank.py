@@ -128,3 +128,12 @@ def test_what_a_law_remembers_is_that_of_its_own_simulation():
     expected = remembered[1] + np.array([0, 40.0, 0]) * error * STEP
     np.testing.assert_allclose(made, expected, rtol=1e-12)
     assert remembered[1, 1] == 0.4
+
+
+def test_what_is_reset_is_forgotten_and_nothing_else():
+    simulations = [("cogging",), ("integral_action",), ("integral_action",), ("slew_limit",)]
+    bank = laws_of(simulations)
+    bank.remember(IntegralAction, {"effort": np.ones((4, JOINTS))})
+    bank.reset(np.array([0, 2]))
+    series = {name: np.zeros((1, 4, JOINTS)) for name in motion(4)}
+    np.testing.assert_array_equal(run(bank, series)["effort"][0, :, 1], [0.0, 1.0, 0.0, 0.0])
