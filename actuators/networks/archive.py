@@ -112,7 +112,7 @@ class Archive:
             closest = difflib.get_close_matches(name, self._left, n=1, cutoff=0.6)
             raise ValueError(
                 f"{self._path}: array `{name}` is missing"
-                + (f" (is `{closest[0]}` meant?)" if closest else "")
+                + (f" (is {_quoted(closest[0])} meant?)" if closest else "")
                 + f"; there is {_listed(self._left)}: save the network with its `save`"
             )
         return self._left.pop(name)
@@ -184,7 +184,7 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
             for name in file.names:
                 arrays[name] = file[name]
     except Exception as error:
-        where = "it" if name is None else f"array `{name}`"
+        where = "it" if name is None else f"array {_quoted(name)}"
         raise ValueError(
             f"{path}: {where} cannot be read ({error}): the file should be a complete .npz of "
             "plain arrays (nothing pickled); save the network again"
@@ -193,4 +193,9 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def _listed(names: Mapping[str, object]) -> str:
-    return ", ".join(f"`{name}`" for name in names) or "nothing else"
+    return ", ".join(map(_quoted, names)) or "nothing else"
+
+
+def _quoted(name: str) -> str:
+    """The name of an array on one line; whoever wrote the file may have put anything into it."""
+    return f"`{name if name.isprintable() else repr(name)[1:-1]}`"

@@ -48,6 +48,8 @@ BASE = QUATERNION + tuple(
 )
 LARGEST_POSITION = 50.0
 """A position beyond this is taken for degrees [rad, m]."""
+LARGEST = 1e9
+"""Anything else beyond this is no measurement, in whichever unit of the SI."""
 LONGEST_STEP = 0.2
 """A median step from here on is taken for milliseconds or less [s]; 1 kHz in milliseconds is 1."""
 
@@ -319,6 +321,12 @@ class Recording:
 
     def _check_units(self, columns: Mapping[str, Array]) -> None:
         for name, values in columns.items():
+            beyond = np.flatnonzero(np.abs(values) > LARGEST)
+            if beyond.size:
+                raise self._error(
+                    f"column {name!r} has {values[beyond[0]]:g} at {self._row(beyond[0])}, over "
+                    f"{LARGEST:g} in any SI unit. Delete such rows, or fill them"
+                )
             if _split(name)[1] not in ("position", "position_target"):
                 continue
             far = np.flatnonzero(np.abs(values) > LARGEST_POSITION)

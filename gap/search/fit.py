@@ -271,7 +271,7 @@ class Slopes:
     sure: bool = True
 
     def correct(self, objective: Objective) -> None:
-        """Takes out the numerical error that was found since."""
+        """Takes out the numerical error."""
         self.residual, self.jacobian = objective.corrected(self.residual, self.jacobian)
 
     def follow(self, step: FloatArray, residual: FloatArray, weights: FloatArray) -> None:
@@ -415,10 +415,11 @@ def _linearised(
     own: Sequence[NDArray[np.intp]] | None = None,
     *,
     part: float = _PERTURBATION,
+    correct: bool = True,
 ) -> Iterator[Slopes]:
     """The slopes at every fit, simulated, or those of some of its numbers, zero for the others.
 
-    Each over a part of the number's scale.
+    Each over a part of the number's scale; with the numerical error in them if not corrected.
     """
     if own is None:
         own = [np.arange(len(one.values)) for one in fits]
@@ -432,12 +433,15 @@ def _linearised(
             slope = changes * (one.structure.scale[some] / perturbed.move)[:, None, None]
             jacobian = np.zeros((len(one.values), *residual.shape))
             jacobian[some] = np.where(np.isfinite(slope), slope, 0.0)  # 0 for what diverged
-            yield Slopes(
+            slopes = Slopes(
                 structure=one.structure,
                 residual=residual,
                 jacobian=jacobian,
                 simulated=len(perturbed.case.values) - 1,
             )
+            if correct:
+                slopes.correct(objective)
+            yield slopes
 
 
 def _normal_equations(
@@ -508,8 +512,9 @@ def covariance(
     objective are (a cluster-robust sandwich, Liang and Zeger, Biometrika 73, 1986). What is left of
     a gap beyond the noise is no chance but the model's error, which pulls the values the same way
     wherever it shows: it may lie along what a number changes, by a cosine of `_ALIGNED`. So may
-    what the timestep changes, which is taken out only as far as it is known. A jagged gap is
-    steeper from dent to dent than as a whole: of two slopes, over little and over more of a
+    what the timestep changes, which is taken out only as far as it is known: where a number and
+    the timestep change the same, too little or too much of it goes into the number. A jagged gap
+    is steeper from dent to dent than as a whole: of two slopes, over little and over more of a
     number's scale, the one that tells less counts.
 
     Args:
@@ -517,7 +522,8 @@ def covariance(
         one: the fit.
         noise: (n_scored,) noise of the channels, to allow for the model's error; None for none.
         slopes: of the fit, where they are known.
-        part: of the recordings, on which it is seen how jagged the gap is; all by default.
+        part: of the recordings, on which it is seen how jagged the gap is and what the timestep
+            pulls; all by default.
 
     Returns:
         (n_parameters, n_parameters) covariance, and (n_parameters,) sensitivities: the squared
@@ -528,16 +534,33 @@ def covariance(
     if slopes is None:
         slopes = linearised(objective, one)
     normal, _ = _normal_equations(objective, one, slopes)
-    found = near = _covariance(objective, one, slopes, noise)
-    there = one
-    if part is not None:
-        slopes = linearised(part, one)
-        there, _ = _best(part, one.case, slopes.residual[None])
-        near = _covariance(part, there, slopes, noise)
-    (secants,) = _linearised(part or objective, [there], part=_SECANT)
-    wide = _covariance(part or objective, there, secants, noise)
-    wider = _wider(np.diag(near), np.diag(wide)) * one.structure.scale
-    return found * np.outer(wider, wider), _sensitivity(one, normal)
+    found = _covariance(objective, one, slopes, noise)
+    seen = objective if part is None else part
+    (own,) = _linearised(seen, [one], correct=False)
+    pulled = _pulled(seen, one, own)
+    own.correct(seen)
+    there, _ = _best(seen, one.case, own.residual[None])
+    (secants,) = _linearised(seen, [there], part=_SECANT)
+    near, wide = (_covariance(seen, there, each, noise) for each in (own, secants))
+    wider = _wider(np.diag(near), np.diag(wide))
+    found = found * np.outer(wider, wider) + _UNCORRECTED**2 * pulled.T @ pulled
+    return found * np.outer(one.structure.scale, one.structure.scale), _sensitivity(one, normal)
+
+
+def _pulled(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
+    """(k, n_parameters) by how much the numerical changes move the values, in their scales.
+
+    Args:
+        objective: the recordings.
+        one: the fit.
+        slopes: its slopes, with the numerical error in them.
+    """
+    there, _ = _best(objective, one.case, slopes.residual[None])
+    weighted = slopes.jacobian * objective.weights(there.mean_square)
+    normal, _ = _normal_equations(objective, there, slopes)
+    inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
+    pulled: FloatArray = np.einsum("krc,irc->ki", objective.numerical, weighted) @ inverse
+    return pulled
 
 
 def _wider(near: FloatArray, wide: FloatArray) -> FloatArray:
@@ -563,9 +586,6 @@ def _covariance(
         size = one.mean_square + objective.floor**2
         beyond = float(np.mean(np.maximum(one.mean_square - noise**2, 0.0) / size))
         found += _ALIGNED**2 * beyond * inverse
-        for change in objective.numerical:
-            pulled = inverse @ np.einsum("irc,rc->i", weighted, change)
-            found += _UNCORRECTED**2 * np.outer(pulled, pulled)
     return found
 
 

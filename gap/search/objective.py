@@ -194,21 +194,24 @@ class Objective:
     ) -> list[tuple[FloatArray, FloatArray]]:
         """The residual of each case's first row, and what the moves in its other rows change of it.
 
-        Numerical errors follow the change as far as they are free to (Kaufman, BIT 15, 1975), and
-        not beyond: where they reach a bound the gap bends, and its slope ahead says nothing of
-        that behind.
+        Both as simulated, to be `corrected`.
 
         Returns:
             Per case (rows, n_scored), and (n_moves, rows, n_scored) with NaN for what diverged.
         """
         simulated = _per_case(self._as_simulated(cases), cases)
         return [
-            self.corrected(residual[0], own.apart(residual[1:] - residual[:1]))
+            (residual[0], own.apart(residual[1:] - residual[:1]))
             for residual, own in zip(simulated, moves, strict=True)
         ]
 
     def corrected(self, residual: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """A residual with its numerical error, (rows, n_scored), and changes of it, without."""
+        """A residual with its numerical error, (rows, n_scored), and changes of it, without.
+
+        Numerical errors follow the change as far as they are free to (Kaufman, BIT 15, 1975), and
+        not beyond: where they reach a bound the gap bends, and its slope ahead says nothing of
+        that behind.
+        """
         at = residual[None].copy()
         weights = self._numerical_weights(at)[0]
         (factors,) = self._take_out_numerical_error(at)

@@ -163,6 +163,7 @@ class TestMissing:
         ({"bias_1": np.array(["0"])}, "array `bias_1` has dtype <U1"),
         ({"bias_1": np.array([np.nan])}, "`bias_1`[0] is nan"),
         ({"scale": np.ones(1)}, "no use for `scale`"),
+        ({"sca\x1cle": np.ones(1)}, r"no use for `sca\x1cle`"),
         ({"format": np.array("walkerkit.lstm")}, "array `format` is 'walkerkit.lstm'"),
         ({"format": np.array(3)}, "array `format` is 3"),
         ({"version": np.array(2)}, "array `version` is 2, this walkerkit reads 1"),

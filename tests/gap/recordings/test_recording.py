@@ -100,7 +100,7 @@ def recordings(draw: st.DrawFn) -> Recording:
     size = draw(st.integers(2, 6))
     steps = draw(st.lists(st.floats(1e-4, 0.1), min_size=size - 1, max_size=size - 1))
     start = draw(st.floats(-1e3, 1e3))
-    any_number = st.floats(allow_nan=False, allow_infinity=False)
+    any_number = st.floats(-1e9, 1e9)
     near = st.floats(-50.0, 50.0)
 
     def samples(values: st.SearchStrategy[float]) -> list[float]:
@@ -491,6 +491,7 @@ def test_duplicate_columns_are_refused(tmp_path: Path) -> None:
         ("2024-01-01 00:00:00,0,0\n2024-01-01 00:00:01,0,0", ("'time'", "row 1", "in seconds")),
         ("0,90,0\n0.01,90,5", ("'knee/position_target'", "90 at row 1 (line 2)", "degrees")),
         ("0,0,0\n0.01,0,-51", ("'knee/position'", "-51 at row 2 (line 3)", "numpy.deg2rad")),
+        ("0,0,0\n0.01,0,1e300", ("'knee/position'", "1e+300 at row 2 (line 3)", "over 1e+09")),
         ("0,0,0\n1,0,0\n2.1,0,0", ("median step of 1.05 s", "milliseconds", "Divide it by 1e3")),
         ("0,0,0\n5000,0,0", ("median step of 5000 s", "microseconds", "Divide it by 1e6")),
         ("0,0,0\n1000000,0,0", ("median step of 1e+06 s", "nanoseconds", "Divide it by 1e9")),

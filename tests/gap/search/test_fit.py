@@ -329,7 +329,8 @@ class TestObjective:
         part = (one.block + np.arange(len(one.block)) % 3 > 0)[:, None]
         one.numerical = np.stack([-residual[0] * part / factor, np.roll(residual[0], 40, axis=0)])
         (corrected,) = one.residuals([case])
-        ((at, changes),) = one.linearised([case], [one.moves([None, None])])
+        (linearised,) = one.linearised([case], [one.moves([None, None])])
+        at, changes = one.corrected(*linearised)
         np.testing.assert_array_equal(at, corrected[0])
         expected = corrected[1] - corrected[0]
         np.testing.assert_allclose(changes[0], expected, atol=1e-3 * np.abs(expected).max())
