@@ -6,8 +6,9 @@
 A second or so of each recording is replayed as it is. Where a joint is so far from what it should
 do that its motion or its effort is not explained at all, its columns are negated and exchanged with
 those of other such joints, one error at a time, and all of that is replayed in one batch. An error
-is named only where it leaves a small part of a gap that was as large as the motion; no effect of
-the catalogue is mended by a sign.
+is named only where it leaves a small part of a gap that was as large as the motion, or where a
+joint that moves against its simulation everywhere then moves with it everywhere, however far; no
+effect of the catalogue is mended by a sign.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ _ALIKE = 0.02, 1.2  # relative gaps that cannot be told apart: difference, ratio
 _WORST = 3.0  # of the motion; a simulation that ran away is no worse
 _STILL = 1e-3  # rad or m; a joint that moves less says nothing
 _FOLLOWS = 0.7  # correlation of a joint with the other's simulation
+_AGAINST = 0.4  # correlation, opposite, of a joint of which a sign is wrong
 _OPPOSITE = 0.25  # of its gap to the slope of the positions, that a negated velocity may have
 
 
@@ -216,7 +218,10 @@ class _Check:
             old, new = _relative(before), _relative(after)
             # What it does to the others counts too: they hang on the same links.
             gained = float(np.nansum(old**2) - np.nansum(new**2))
-            if gained > 0 and _explains(old[places], new[places]):
+            if gained > 0 and (
+                _explains(old[places], new[places])
+                or (candidate.kind == "sign_flip" and _turns(before, after, places[0]))
+            ):
                 found.append((gained, new[places], candidate, before, after))
         if not found:
             return None, frozenset()
@@ -361,6 +366,23 @@ def _explains(old: FloatArray, new: FloatArray) -> bool:
     )
     vanished = (before > _SUSPECT) & (after < _EXPLAINED) & (_BETTER * after < before)
     return bool(vanished.any() and (after <= _NO_WORSE * before + _ALIKE[0]).all())
+
+
+def _turns(before: Sequence[_Replayed], after: Sequence[_Replayed], place: int) -> bool:
+    """Whether a joint moves against its simulation in every stretch, and with it once mended."""
+    if len(before) < _MOST_TRIED_ON:
+        return False
+    against, along = ([_alike(one, place) for one in some] for some in (before, after))
+    return max(against) < -_AGAINST and min(along) > _FOLLOWS
+
+
+def _alike(one: _Replayed, place: int) -> float:
+    """Correlation of a joint's position with its simulation; 0 where either stands or ran away."""
+    done, wanted = (
+        some[:, place, 0] - some[:, place, 0].mean() for some in (one.measured, one.predicted)
+    )
+    scale = float(np.linalg.norm(done) * np.linalg.norm(wanted))
+    return float(done @ wanted) / scale if np.isfinite(scale) and scale > 0 else 0.0
 
 
 def _relative(replayed: Sequence[_Replayed]) -> FloatArray:

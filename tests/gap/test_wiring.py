@@ -256,6 +256,21 @@ def test_logs_of_real_hardware(
     assert column in (*error.columns, *error.or_else)
 
 
+@pytest.mark.parametrize("gain", [100, 200])
+def test_a_servo_far_from_its_simulation_turns_the_other_way(real_logs: Path, gain: int) -> None:
+    """What its model lacks, and not the sign, is most of the gap of a servo of little gain."""
+    model = real_logs / f"xl330/kp{gain}.xml"
+    recordings = [
+        Recording.load(real_logs / f"xl330/kp{gain}_{name}.csv")
+        for name in ("sin_time_square", "up_and_down", "lift_and_drop")
+    ]
+    assert found(model, *recordings) == []
+    columns = ["servo/position", "servo/velocity"]
+    (error,) = found(model, *(exchanged(r, "sign_flip", columns) for r in recordings))
+    assert (error.kind, list(error.columns)) == ("sign_flip", columns)
+    assert error.recordings == tuple(recording.name for recording in recordings)
+
+
 @pytest.mark.parametrize("kind", ["sign_flip", "joint_swap"])
 def test_an_exchange_twice_is_none(walk: Recording, kind: Kind) -> None:
     columns = ["left_hip/effort", "right_hip/effort"]
