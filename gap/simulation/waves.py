@@ -38,6 +38,7 @@ _BANDWIDTH = 2 * np.pi * 15  # rad/s that pass the smoothing of positions
 _FEWEST, _MOST = 1.25, 400.0  # periods over the joint's range
 _FINENESS = 16  # points of the spectrum per period over the joint's range
 _BIN = 0.3  # rad of the fastest wave
+_NOTHING = 1e-100  # of the squares of an effort or a motion; what is less has no inverse
 _SIGN = 5  # the row of the sign of the velocity among what is regressed beside the waves
 
 
@@ -288,13 +289,13 @@ class _Spectrum:
         Args:
             factor: (n,) what multiplies the waves.
         """
-        if not factor.any():
+        squares = 0.5 * float(factor @ factor)
+        if squares < _NOTHING:
             return []
         gram = self._beside @ self._beside.T
         known = self._beside @ self._series
         inverse = np.linalg.pinv(gram, hermitian=True)
         alone = self._sums(factor * self._series)
-        squares = 0.5 * float(factor @ factor)
         twice = 0.5 * self._sums(factor**2, 2)
         cross = np.stack([self._sums(factor * term) for term in self._beside])
         waves = np.stack([cross.imag, cross.real])  # (2, k, N)

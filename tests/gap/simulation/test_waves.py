@@ -136,6 +136,13 @@ def test_a_joint_that_hardly_moves_shows_none():
     assert waves(arm(), [Recording(name="log", time=time, columns=still)], ["j"]) == {"j": ()}
 
 
+def test_an_effort_of_next_to_nothing_has_no_waves():
+    recording = log(HIDDEN["pose"](9.0))
+    columns = recording.columns | {"j/effort": 1e-300 * np.arange(3000)}
+    tiny = replace(recording, columns=columns)
+    assert "effort" not in {wave.form for wave in waves(arm(), [tiny], ["j"])["j"]}
+
+
 @pytest.mark.parametrize("signals", [("position", "effort"), ("position",)], ids=["effort", "q"])
 def test_a_joint_without_an_actuator_shows_what_its_bearing_does(signals):
     columns = log(lambda q, qd, tau: (tau, 0.0), signals).columns
