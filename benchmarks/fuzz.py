@@ -24,16 +24,17 @@ from hypothesis import strategies as st
 from benchmarks import Row
 from benchmarks.fuzzing.case import Case, outcome
 from benchmarks.fuzzing.files import MANIFESTS, RECORDINGS, WEIGHTS
-from benchmarks.fuzzing.models import COMMANDS, COMPARISONS, MODELS, SIDECARS
+from benchmarks.fuzzing.models import COMMANDS, COMPARISONS, DIAGNOSES, MODELS, SIDECARS
 
 CASES: Mapping[str, tuple[st.SearchStrategy[Case], int]] = {
-    "recordings": (RECORDINGS, 4000),
+    "recordings": (RECORDINGS, 3900),
     "manifests": (MANIFESTS, 1200),
     "weights": (WEIGHTS, 1200),
     "mjcf": (MODELS, 2000),
     "actuators_json": (SIDECARS, 900),
     "command_lines": (COMMANDS, 500),
     "compared_logs": (COMPARISONS, 200),
+    "diagnosed_logs": (DIAGNOSES, 100),
 }
 """Kind to the strategy that draws its cases, and how many of them the benchmark tries."""
 

@@ -10,13 +10,14 @@ from benchmarks.fuzz import CASES, broken_cases
 from benchmarks.fuzzing.case import Case, outcome
 
 COUNTS = {
-    "recordings": 100,
+    "recordings": 97,
     "manifests": 40,
     "weights": 30,
     "mjcf": 70,
     "actuators_json": 30,
     "command_lines": 20,
     "compared_logs": 10,
+    "diagnosed_logs": 3,
 }
 
 

@@ -1,20 +1,23 @@
-"""Models, what lies beside them, command lines, and comparisons of numbers that nobody expects."""
+"""Models, what lies beside them, command lines, and logs of numbers that nobody expects."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from benchmarks.fuzzing.case import Case, run
 from benchmarks.fuzzing.files import _changed
+from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.simulation.robot import load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
-from walkerkit.gap.workflow import compare
+from walkerkit.gap.workflow import compare, diagnose
 
 ARM = """<mujoco model="arm"><compiler angle="radian"/><option timestep="0.005"/><worldbody>
 <body name="arm"><joint name="knee" axis="0 1 0" damping="0.1" armature="0.01"/>
@@ -188,23 +191,49 @@ _SHAPES = {
 _ANGLES = tuple(name for name in _SHAPES if name not in ("huge", "large"))
 
 
+_MODEL = {"arm.xml": ARM.encode()}
+
+
 @st.composite
-def _log(draw: st.DrawFn) -> Case:
+def _log(draw: st.DrawFn) -> Mapping[str, NDArray[np.float64]]:
     length = draw(st.sampled_from((2, 19, 20, 21, 60)))
     step = draw(st.sampled_from((1e-6, 0.001, 0.01, 0.1, 0.19)))
     columns = {
+        "time": np.arange(length) * step + draw(st.sampled_from((0.0, 1.7e9))),
         "knee/position": _SHAPES[draw(st.sampled_from(_ANGLES))][:length],
         "knee/position_target": _SHAPES[draw(st.sampled_from(_ANGLES))][:length],
     }
     for signal in draw(st.sets(st.sampled_from(("velocity", "effort", "effort_target")))):
         columns[f"knee/{signal}"] = _SHAPES[draw(st.sampled_from(sorted(_SHAPES)))][:length]
-    time = np.arange(length) * step + draw(st.sampled_from((0.0, 1.7e9)))
+    return columns
+
+
+def _recording(name: str, columns: Mapping[str, NDArray[np.float64]]) -> Recording:
+    signals = dict(columns)
+    return Recording(name=name, time=signals.pop("time"), columns=signals)
+
+
+def _compared(log: Mapping[str, NDArray[np.float64]]) -> Case:
+    def act(folder: Path) -> object:
+        return compare("arm.xml", [_recording("log", log)], n_threads=1).to_json()
+
+    return Case(files=_MODEL, act=act)
+
+
+@st.composite
+def _diagnosed(draw: st.DrawFn) -> Case:
+    logs = draw(st.lists(_log(), min_size=1, max_size=3))
+    effects = draw(
+        st.lists(st.sampled_from(sorted(CATALOGUE)), min_size=1, max_size=3, unique=True)
+    )
 
     def act(folder: Path) -> object:
-        log = Recording(name="log", time=time, columns=columns)
-        return compare("arm.xml", [log], n_threads=1).to_json()
+        recordings = [_recording(f"log {k}", log) for k, log in enumerate(logs)]
+        result = diagnose("arm.xml", recordings, effects=effects, n_threads=1)
+        return result.diagnosis.to_json()
 
-    return Case(files={"arm.xml": ARM.encode()}, act=act)
+    return Case(files=_MODEL, act=act)
 
 
-COMPARISONS: st.SearchStrategy[Case] = _log()
+COMPARISONS: st.SearchStrategy[Case] = _log().map(_compared)
+DIAGNOSES: st.SearchStrategy[Case] = _diagnosed()

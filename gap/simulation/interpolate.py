@@ -32,9 +32,11 @@ def delayed(values: FloatArray, past: int, steps: int, shift: FloatArray) -> Flo
                 position = past - min(age, float(past))
                 whole = int(np.floor(position))
                 part = position - whole
-                early = values[some, whole : whole + steps, column]
-                late = values[some, whole + 1 : whole + 1 + steps, column]
-                out[row, some, :, column] = (1 - part) * early + part * late
+                out[row, some, :, column] = values[some, whole : whole + steps, column]
+                if part:  # an age that rounding loses ends where the values do
+                    late = values[some, whole + 1 : whole + 1 + steps, column]
+                    out[row, some, :, column] *= 1 - part
+                    out[row, some, :, column] += part * late
     return out
 
 
