@@ -1,5 +1,7 @@
 """What the benchmark of diagnoses measures with."""
 
+import time
+
 import mujoco
 import numpy as np
 import pytest
@@ -22,6 +24,19 @@ def test_counts_the_steps_of_all_simulations_and_stops_counting():
         batch.step_by_step(state, 5, lambda k: None)
     batch.rollout(state, ctrl=np.zeros((3, 7, 1)))
     assert count == [3 * 7 + 3 * 5]
+
+
+def test_measures_the_time_inside_and_stops_measuring():
+    batch = LockStep(mujoco.MjModel.from_xml_string(ARM), 3, n_threads=1)
+    state = np.array(batch.batch.state)
+    start = time.perf_counter()
+    with diagnose.time_inside() as inside:
+        batch.rollout(state, ctrl=np.zeros((3, 700, 1)))
+        rolled = inside[0]
+        batch.step_by_step(state, 50, lambda k: None)
+    stepped = inside[0]
+    batch.rollout(state, ctrl=np.zeros((3, 7, 1)))
+    assert 0 < rolled < stepped == inside[0] < time.perf_counter() - start
 
 
 def test_a_raw_step_takes_some_time():
