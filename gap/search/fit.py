@@ -430,9 +430,12 @@ def _linearised(
         for one, some, perturbed, (residual, changes) in zip(
             fits[group], own[group], moved[group], linearised, strict=True
         ):
-            slope = changes * (one.structure.scale[some] / perturbed.move)[:, None, None]
-            jacobian = np.zeros((len(one.values), *residual.shape))
-            jacobian[some] = np.where(np.isfinite(slope), slope, 0.0)  # 0 for what diverged
+            changes *= (one.structure.scale[some] / perturbed.move)[:, None, None]
+            changes[~np.isfinite(changes.sum(axis=(1, 2)))] = 0.0  # what diverged
+            jacobian = changes
+            if len(some) < len(one.values):
+                jacobian = np.zeros((len(one.values), *residual.shape))
+                jacobian[some] = changes
             slopes = Slopes(
                 structure=one.structure,
                 residual=residual,

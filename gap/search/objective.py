@@ -61,10 +61,10 @@ class Moves:
 
     def apart(self, changes: NDArray[_Float]) -> NDArray[_Float]:
         """(n_rows, rows, n_scored) changes → (n_moves, rows, n_scored)."""
-        if self.shown.all():
-            return changes[self.row]
-        zero = changes.dtype.type(0)
-        return np.where(self.shown[:, None, :], changes[self.row], zero)
+        moved = changes[self.row]
+        if not self.shown.all():
+            np.copyto(moved, 0, where=~self.shown[:, None, :])
+        return moved
 
 
 class Objective:
@@ -217,10 +217,13 @@ class Objective:
         (factors,) = self._take_out_numerical_error(at)
         low, high = np.array(_FACTORS[: len(factors)]).reshape(-1, 2).T
         free = self.numerical[(low < factors) & (factors < high)]
+        if not len(free):
+            return at[0], changes
         along = np.einsum("c,irc,trc->it", weights, free, changes)
         size = np.einsum("c,irc,jrc->ij", weights, free, free)
         follow = np.linalg.pinv(size, hermitian=True) @ along
-        return at[0], changes - np.einsum("it,irc->trc", follow, free)
+        corrected = np.einsum("it,irc->trc", follow, free)
+        return at[0], np.subtract(changes, corrected, out=corrected)
 
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
         """(n of all cases, rows, n_scored) residuals with their numerical error."""

@@ -380,8 +380,11 @@ class Replay:
                     series = readings[k].velocity(place, speed)
                 age = lead - behind[..., k]
             for s, span in enumerate(group.rows):
-                at = rate[:, 0, [k]] * self.time_of_row[span] + age[:, [s]]
-                out[:, span, c] = at_index(series[:, s], at / step)
+                clocks = np.stack([rate[:, 0, k], age[:, s]])
+                if (clocks == clocks[:, :1]).all():
+                    clocks = clocks[:, :1]
+                at = (clocks[0, :, None] * self.time_of_row[span] + clocks[1, :, None]) / step
+                out[:, span, c] = at_index(series[:, s], at)
         return out
 
     def _applied(
