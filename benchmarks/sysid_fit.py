@@ -9,7 +9,7 @@ the logs, the bounds and all cores, and start from the model as given. `mujoco.s
 documentation has it, with the faster of its optimizers and its own normalisation of residuals; what
 it minimises then is the cost of both, worked out for both by a simulation here, beside the cost on
 a log that neither has seen. The seconds are of everything from the logs in memory to the values:
-that of `gap.fit` includes standard errors and the gap on the log that is held out.
+that of `gap.fit` includes standard errors.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from rich.text import Text
 from walkerkit.gap.report import wording
 from walkerkit.gap.report.diagnosis import Estimate, Gap
 from walkerkit.gap.report.quantity import quantity
+from walkerkit.gap.report.replayed import gap_of, replay_half
 from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.mended import Mended, mended_by_name, only
@@ -44,17 +46,24 @@ class Fitted:
 
     Attributes:
         effects: the effects, in the order in which they were given.
-        gap: root-mean-square errors of the recordings that were held out, before and after.
         robots: the mended robots, one per experiment.
         problem: what was loaded.
         fit: the values as the search has them.
     """
 
     effects: tuple[FittedEffect, ...]
-    gap: Gap
     robots: tuple[Robot, ...]
     problem: Problem
     fit: Fit
+
+    @functools.cached_property
+    def gap(self) -> Gap:
+        """Root-mean-square errors of the recordings that were held out, before and after.
+
+        They are simulated when it is first asked for.
+        """
+        robots = self.problem.robots, self.robots
+        return gap_of(self.problem, *(replay_half(self.problem, "held", some) for some in robots))
 
     @property
     def mended(self) -> Mapping[str, Mended]:

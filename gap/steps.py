@@ -177,7 +177,6 @@ def fit(
     if effects:
         whole, part = problem.whole.objective, problem.screen.objective
         variance, sensitivity = covariance(whole, found, problem.noise, slopes, part)
-    before, after = (replay_half(problem, "held", some) for some in (problem.robots, robots))
     order = list(effects)
     terms = sorted(found.structure.terms, key=lambda term: order.index(term.effect.name))
     return Fitted(
@@ -189,7 +188,6 @@ def fit(
             )
             for term in terms
         ),
-        gap=gap_of(problem, before, after),
         robots=robots,
         problem=problem,
         fit=found,

@@ -84,7 +84,6 @@ class Objective:
 
     Attributes:
         numerical: (k, rows, n_scored) those changes; empty until `refine` finds them.
-        block: (rows,) index of the stretch of about half a second that a row belongs to.
     """
 
     def __init__(
@@ -104,7 +103,6 @@ class Objective:
         self.numerical = np.zeros((0, *self.measured.shape))
         # A channel that only other recordings have counts, but nothing can change its score.
         self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
-        self.block = _blocks(replays)
         self._refined: deque[tuple[Hashable, FloatArray, FloatArray]] = deque(maxlen=_REMEMBERED)
 
     def leave_as_simulated(self) -> None:
@@ -156,6 +154,11 @@ class Objective:
     def _branch_of_channel(self) -> tuple[int | None, ...]:
         of_joint, _ = branches(self.replays[0].robot)
         return tuple(of_joint.get(channel.joint) for channel in self.channels)
+
+    @cached_property
+    def block(self) -> NDArray[np.int64]:
+        """(rows,) index of the stretch of about half a second that a row belongs to."""
+        return _blocks(self.replays)
 
     @property
     def steps(self) -> int:
@@ -340,8 +343,8 @@ def _blocks(replays: Sequence[Replay]) -> NDArray[np.int64]:
     labels, offset = [], 0
     for replay in replays:
         within = (replay.time_of_row / _BLOCK).astype(np.int64)
-        pairs = np.stack([replay.segment_of_row, within])
-        _, label = np.unique(pairs, axis=1, return_inverse=True)
-        labels.append(label.ravel() + offset)
-        offset += int(label.max()) + 1
+        new = np.diff(within, prepend=-1) | np.diff(replay.segment_of_row, prepend=0)
+        label = offset + np.cumsum(new != 0) - 1
+        labels.append(label)
+        offset = int(label[-1]) + 1
     return np.concatenate(labels)
