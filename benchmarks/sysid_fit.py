@@ -196,9 +196,10 @@ def make(name: str, folder: Path, *, seconds: float, seed: int = 0) -> Rig:
 
 def by_gap(rig: Rig) -> Found:
     """The values that `gap.fit` finds."""
+    load, fit = gap.load, gap.fit  # imported now, as sysid is
     start = time.perf_counter()
-    problem = gap.load(rig.path, rig.logs, held_out=rig.logs[-1:], hold="zero_order")
-    fitted = gap.fit(problem, dict.fromkeys(_OURS.values(), "*"))
+    problem = load(rig.path, rig.logs, held_out=rig.logs[-1:], hold="zero_order")
+    fitted = fit(problem, dict.fromkeys(_OURS.values(), "*"))
     added = [
         [fitted.value(effect, name, joint) for joint in rig.joints]
         for name, effect in _OURS.items()

@@ -1,7 +1,7 @@
 """Effects that come back with the pose: magnets, gear teeth, eccentric bearings.
 
 How often they come back is not known. The starts of their fits are the waves that the recordings
-show in `Excursion.periods`; where those are unknown, a few periods over the joint's range.
+show in `Excursion.waves`; where those are unknown, a few periods over the joint's range.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ class Objective:
         n_threads: int = 1,
     ):
         self.replays = tuple(replays)
-        self._n_threads = n_threads
+        self.n_threads = n_threads
         self.channels = tuple(scored)
         self.floor = np.maximum(floor, _LEAST_FLOOR)
         self._columns = [replays[0].channels.index(channel) for channel in scored]
@@ -125,8 +125,9 @@ class Objective:
             if key == structure.key and (np.abs(values - at) <= near).all():
                 self.numerical = changes
                 return
-        residuals = [self.residuals([case])[0][0] if own is None else own]
-        residuals += [one.residuals([case])[0][0] for one in finer]
+        wanted = [*([self] if own is None else []), *finer]
+        residuals = [] if own is None else [own]
+        residuals += [one[0] for one in _side_by_side(wanted, [case])]
         if not all(np.isfinite(residual).all() for residual in residuals):
             residuals = residuals[:1]
         self.numerical = np.diff(np.stack(residuals), axis=0)
@@ -230,13 +231,12 @@ class Objective:
 
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
         """(n of all cases, rows, n_scored) residuals with their numerical error."""
-        missing = np.isnan(self.measured)
+        (residual,) = _side_by_side([self], cases)
+        return residual
 
-        trials = [
-            Trials.joined([case.structure.trials(replay.robot, case.values) for case in cases])
-            for replay in self.replays
-        ]
-        predicted = predict_together(self.replays, trials, self._n_threads)
+    def _less_measured(self, predicted: Sequence[FloatArray]) -> FloatArray:
+        """The residuals of what each replay predicted, (n, rows, n_channels)."""
+        missing = np.isnan(self.measured)
         residual = np.empty((len(predicted[0]), *self.measured.shape))
         failed = np.zeros(len(residual), dtype=bool)
         first = 0
@@ -320,6 +320,17 @@ class Objective:
         """(n_blocks, n_scored) measured samples."""
         present = np.isfinite(self.measured).astype(float)
         return np.stack([np.bincount(self.block, weights=column) for column in present.T], axis=1)
+
+
+def _side_by_side(objectives: Sequence[Objective], cases: Sequence[Case]) -> list[FloatArray]:
+    """Of each objective (n of all cases, rows, n_scored) residuals as simulated."""
+    replays = [replay for one in objectives for replay in one.replays]
+    trials = [
+        Trials.joined([case.structure.trials(replay.robot, case.values) for case in cases])
+        for replay in replays
+    ]
+    predicted = iter(predict_together(replays, trials, objectives[0].n_threads))
+    return [one._less_measured([next(predicted) for _ in one.replays]) for one in objectives]
 
 
 def _bounded_least_squares(matrix: FloatArray, target: FloatArray) -> FloatArray:

@@ -49,13 +49,18 @@ class Half:
         recordings: per robot.
         told: their replays over the horizon that the gap is told of.
         objective: their comparison with the simulation, in stretches.
-        finer: the same at a finer timestep, and then with another integrator too.
+        make_finer: makes the same at a finer timestep, and then with another integrator too.
     """
 
     recordings: tuple[tuple[Recording, ...], ...]
     told: tuple[Replay, ...]
     objective: Objective
-    finer: tuple[Objective, ...]
+    make_finer: Callable[[], tuple[Objective, ...]]
+
+    @cached_property
+    def finer(self) -> tuple[Objective, ...]:
+        """What `make_finer` makes, where it is needed."""
+        return self.make_finer()
 
     def refine(self, fit: Fit, residual: FloatArray | None = None) -> None:
         """Finds the simulation's numerical error at a fit, whose residual with it may be known."""
@@ -118,8 +123,10 @@ class Problem:
             robot, threads = remake(one.robot), one.n_threads
             return Replay(robot, one.segments, self.channels, hold=self.hold, n_threads=threads)
 
-        finer = tuple(objective([remade(one, remake) for one in told]) for remake in _FINER)
-        return replace(self.fit, objective=objective(told), finer=finer)
+        def finer() -> tuple[Objective, ...]:
+            return tuple(objective([remade(one, remake) for one in told]) for remake in _FINER)
+
+        return replace(self.fit, objective=objective(told), make_finer=finer)
 
     @property
     def nothing(self) -> Structure:
@@ -202,11 +209,14 @@ def build(
             every = [s for one in mine for s in stretches(one, stretch)]
             return _spread(every, share, phase, fewest)
 
+        def finer() -> tuple[Objective, ...]:
+            return tuple(objective(replays(recordings, parts, each, scored)) for each in _FINER)
+
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
             told=replays(recordings, lambda mine, _: cut(mine, window)),
             objective=objective(replays(recordings, parts)),
-            finer=tuple(objective(replays(recordings, parts, remade, scored)) for remade in _FINER),
+            make_finer=finer,
         )
 
     step = float(min(robot.model.opt.timestep for robot in robots))

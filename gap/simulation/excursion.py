@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.robot import Excursion, Robot
+from walkerkit.gap.simulation.wave import Wave
 from walkerkit.gap.simulation.waves import nominal_effort, waves
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +34,12 @@ def excursions(
         Joint to its excursion.
     """
     found = {}
-    periods = waves(robot, recordings, joints)
+    # Most effects have none, so they are looked for when one asks.
+    every = functools.cache(lambda: waves(robot, recordings, joints))
+
+    def prominent(joint: str) -> tuple[Wave, ...]:
+        return every()[joint]
+
     for joint in joints:
         logs = [r for r in recordings if joint in r.joints]
         if not logs:
@@ -58,7 +65,7 @@ def excursions(
             acceleration=_peak(acceleration),
             effort=max(measured or guessed),
             duration=max(float(np.ptp(r.whole.time)) for r in logs),
-            periods=periods[joint],
+            prominent=functools.partial(prominent, joint),
         )
     return found
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -109,7 +109,7 @@ class Excursion:
         acceleration: peak acceleration [rad/s²].
         effort: peak effort, as measured, else as commanded or as the servo would make it [N·m].
         duration: of the longest recording [s].
-        periods: the most prominent waves of its unexplained effort over its positions.
+        prominent: finds the most prominent waves of its unexplained effort over its positions.
     """
 
     lower: float = -1.0
@@ -118,7 +118,7 @@ class Excursion:
     acceleration: float = 10.0
     effort: float = 1.0
     duration: float = 10.0
-    periods: tuple[Wave, ...] = ()
+    prominent: Callable[[], tuple[Wave, ...]] = tuple
 
     @property
     def range(self) -> float:
@@ -127,7 +127,7 @@ class Excursion:
 
     def waves(self, form: WaveForm) -> tuple[Wave, ...]:
         """The waves of one form, the most prominent first."""
-        return tuple(wave for wave in self.periods if wave.form == form)
+        return tuple(wave for wave in self.prominent() if wave.form == form)
 
 
 @dataclass(frozen=True, kw_only=True)
