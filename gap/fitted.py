@@ -17,8 +17,8 @@ from walkerkit.gap.report import wording
 from walkerkit.gap.report.diagnosis import Estimate, Gap
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.replayed import gap_of, replay_half
-from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.mended import Mended, mended_by_name, only
 from walkerkit.gap.simulation.robot import Robot
 

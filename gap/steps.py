@@ -29,12 +29,14 @@ from walkerkit.gap.report.diagnosis import Gap, Location, Trace
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.locate import locate as rank
 from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces
-from walkerkit.gap.search.fit import Fit, Progress, Slopes, covariance, evaluate, polish
+from walkerkit.gap.search.certainty import covariance
+from walkerkit.gap.search.fit import Progress, evaluate, polish
 from walkerkit.gap.search.fit import fit as improve
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned
 from walkerkit.gap.search.screen import screen
-from walkerkit.gap.search.structure import Structure, Term, candidate_terms
+from walkerkit.gap.search.slopes import Slopes
+from walkerkit.gap.search.structure import Fit, Structure, Term, candidate_terms
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
@@ -176,6 +178,7 @@ def fit(
     variance, sensitivity = np.zeros((0, 0)), np.zeros(0)
     if effects:
         whole, part = problem.whole.objective, problem.screen.objective
+        problem.screen.refine(found)
         variance, sensitivity = covariance(whole, found, problem.noise, slopes, part)
     order = list(effects)
     terms = sorted(found.structure.terms, key=lambda term: order.index(term.effect.name))

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.report.diagnosis import Estimate
-from walkerkit.gap.search.fit import INSENSITIVE, Fit, at_bound
-from walkerkit.gap.search.structure import Term
+from walkerkit.gap.search.certainty import INSENSITIVE, at_bound
+from walkerkit.gap.search.structure import Fit, Term
 
 FloatArray = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.channel import Channel
 
 FloatArray = NDArray[np.float64]

@@ -9,10 +9,10 @@ from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.report.diagnosis import NamedEffect
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.replayed import Replayed, gaps_of, gaps_with
-from walkerkit.gap.search.fit import Fit, covariance
+from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.naming import Candidate, Round
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Term
+from walkerkit.gap.search.structure import Fit, Term
 
 _FEW = 2
 _AS_GOOD = 0.05  # of the score: one that was tried and stayed further behind is not the same

@@ -24,8 +24,8 @@ from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.report.diagnosis import NextExperiment
 from walkerkit.gap.report.independence import Independence, independence
 from walkerkit.gap.report.set_ups import RELEASE, SetUp, held_amplitude, set_ups
-from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import Robot

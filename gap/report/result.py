@@ -29,9 +29,9 @@ from walkerkit.gap.report.replayed import (
     replay_half,
     traces,
 )
-from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.naming import Round
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.mended import Mended, mended_by_name, only
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.stopgap.learned import LearnedDrive

@@ -12,10 +12,11 @@ import numpy as np
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, evaluate, linearised, polished
+from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Term, carried
+from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.structure import Fit, Term, carried
 from walkerkit.gap.search.trying import Tries
 from walkerkit.gap.search.worth import close_to, tied, worth_it
 

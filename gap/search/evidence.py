@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
 

@@ -13,13 +13,15 @@ from dataclasses import replace
 import numpy as np
 
 from walkerkit.gap.effects import Effect
+from walkerkit.gap.search.certainty import certainty
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, certainty, evaluate, linearised, polished
+from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned
-from walkerkit.gap.search.structure import carried, merged
+from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.structure import Fit, carried, merged
 from walkerkit.gap.search.worth import worth_it
 
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain

@@ -18,12 +18,11 @@ import numpy as np
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.contest import Contest, contest, size_of
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, Progress, evaluate
+from walkerkit.gap.search.fit import Progress, evaluate
 from walkerkit.gap.search.keeping import finalist, kept, over_whole, settled
-from walkerkit.gap.search.objective import Case
 from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Structure, Term, candidate_terms
+from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms
 from walkerkit.gap.search.trying import Tries
 from walkerkit.gap.search.worth import confidence, one_sided, worth_it
 

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.structure import Structure
+from walkerkit.gap.search.structure import Case, Fit
 from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
 from walkerkit.gap.simulation.trials import Trials
@@ -32,19 +32,6 @@ _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
 _SWEEPS = 30
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _BLOCK = 0.5  # s; longer than the memory of a joint's error
-
-
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """Some values of a structure, to be simulated.
-
-    Attributes:
-        structure: the structure.
-        values: (n, n_parameters).
-    """
-
-    structure: Structure
-    values: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -294,6 +281,18 @@ class Objective:
             for group in self.grouped(cases)
             for residual in self.residuals(cases[group])
         ]
+
+    def best(self, case: Case, mean_square: FloatArray) -> tuple[Fit, int]:
+        """The best of some values whose gaps are known, (n, n_scored), and which it is."""
+        scores = self.score(mean_square)
+        k = int(np.argmin(scores))
+        found = Fit(
+            structure=case.structure,
+            values=case.values[k],
+            score=float(scores[k]),
+            mean_square=mean_square[k],
+        )
+        return found, k
 
     def mean_square(self, residual: FloatArray) -> FloatArray:
         """(..., rows, n_scored) residuals → (..., n_scored) mean squares."""

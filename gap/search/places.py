@@ -6,18 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from walkerkit.gap.search.evidence import weigh
-from walkerkit.gap.search.fit import (
-    Fit,
-    Slopes,
-    evaluate,
-    fit,
-    linearised,
-    losses,
-    polished,
-    slopes_to_carry,
-)
+from walkerkit.gap.search.fit import evaluate, fit, polished
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Structure, Term, carried
+from walkerkit.gap.search.slopes import Slopes, linearised, losses, slopes_to_carry
+from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 from walkerkit.gap.search.worth import least_gain, worth_it
 
 _REFITS = 4

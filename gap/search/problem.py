@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
-from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.structure import Structure
+from walkerkit.gap.search.structure import Fit, Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions

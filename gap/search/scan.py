@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.fit import Fit, evaluate, fit
-from walkerkit.gap.search.objective import Case, Objective
-from walkerkit.gap.search.structure import Structure
+from walkerkit.gap.search.fit import evaluate, fit
+from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.structure import Case, Fit, Structure
 
 FloatArray = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.fit import Fit, evaluate
-from walkerkit.gap.search.objective import Case, Objective
-from walkerkit.gap.search.structure import Structure, Term, carried
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.structure import Case, Fit, Structure, Term, carried
 
 FloatArray = NDArray[np.float64]
 

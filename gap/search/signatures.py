@@ -21,10 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.fit import Fit, linearised
-from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Half
-from walkerkit.gap.search.structure import Structure, Term, carried
+from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.structure import Case, Fit, Structure, Term, carried
 
 FloatArray = NDArray[np.float64]
 Single = NDArray[np.float32]

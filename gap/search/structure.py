@@ -234,3 +234,38 @@ def candidate_terms(
             shared = effect.shared and len(sites) > 1
             terms.append(Term(effect=effect, sites=sites, shared=shared))
     return tuple(terms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """Some values of a structure, to be simulated.
+
+    Attributes:
+        structure: the structure.
+        values: (n, n_parameters).
+    """
+
+    structure: Structure
+    values: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """A structure with its fitted values.
+
+    Attributes:
+        structure: the structure.
+        values: (n_parameters,).
+        score: its score on the recordings that were fitted.
+        mean_square: (n_scored,) mean square gaps on them.
+    """
+
+    structure: Structure
+    values: FloatArray
+    score: float
+    mean_square: FloatArray
+
+    @property
+    def case(self) -> Case:
+        """Its values, to be simulated."""
+        return Case(structure=self.structure, values=self.values[None])

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import Fit, Progress, best_of, evaluate, fit, slopes_to_carry
+from walkerkit.gap.search.fit import Progress, best_of, evaluate, fit
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.keeping import at_floor
-from walkerkit.gap.search.objective import Case
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
-from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried
+from walkerkit.gap.search.slopes import slopes_to_carry
+from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms, carried
 from walkerkit.gap.search.worth import least_gain
 
 FloatArray = NDArray[np.float64]

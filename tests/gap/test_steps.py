@@ -10,7 +10,7 @@ from walkerkit import gap
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.rehearsal.rehearse import rehearse
-from walkerkit.gap.search.objective import Case
+from walkerkit.gap.search.structure import Case
 from walkerkit.gap.simulation.replay import Channel, Replay
 from walkerkit.gap.simulation.trials import Trials
 

@@ -14,7 +14,8 @@ from dm_control import mjcf
 
 from tests.gap.effects.machine import JOINTS, NOISE, Machine, replay_of
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.search.fit import covariance, evaluate, fit
+from walkerkit.gap.search.certainty import covariance
+from walkerkit.gap.search.fit import evaluate, fit
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.structure import Structure, candidate_terms

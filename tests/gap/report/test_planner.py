@@ -17,9 +17,8 @@ from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.report import planner
 from walkerkit.gap.report.planner import next_experiment
-from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Structure, Term
+from walkerkit.gap.search.structure import Fit, Structure, Term
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY

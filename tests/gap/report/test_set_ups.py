@@ -13,9 +13,8 @@ from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.report.planner import Plan, next_experiment
 from walkerkit.gap.report.set_ups import SetUp, set_ups
-from walkerkit.gap.search.fit import Fit
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Structure, Term
+from walkerkit.gap.search.structure import Fit, Structure, Term
 from walkerkit.gap.simulation.robot import Robot, load_robot, robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 from walkerkit.walkers.leg import LEG_XML

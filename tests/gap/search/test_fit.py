@@ -14,10 +14,12 @@ from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, JointEffect, Parameter
 from walkerkit.gap.effects.base import registered
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
-from walkerkit.gap.search.fit import INSENSITIVE, Fit, covariance, evaluate, fit, linearised, polish
-from walkerkit.gap.search.objective import Case, Objective
+from walkerkit.gap.search.certainty import INSENSITIVE, covariance
+from walkerkit.gap.search.fit import evaluate, fit, polish
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.screen import screen
-from walkerkit.gap.search.structure import Structure, Term, candidate_terms, carried
+from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms, carried
 from walkerkit.gap.simulation.excursion import excursions
 from walkerkit.gap.simulation.replay import Channel, Replay
 from walkerkit.gap.simulation.robot import Excursion, robot_from_spec

@@ -8,8 +8,9 @@ import pytest
 
 from tests.gap.search.test_fit import objective, sized, structure
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.search.fit import evaluate, linearised
-from walkerkit.gap.search.objective import Case
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.structure import Case
 from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.replay import Channel
 from walkerkit.gap.simulation.robot import Robot, robot_from_spec

@@ -1,0 +1,138 @@
+"""How far the values of a fit can be trusted: their standard errors, bounds, sensitivities."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.slopes import Slopes, linearised, linearised_each, normal_equations
+from walkerkit.gap.search.structure import Fit
+
+FloatArray = NDArray[np.float64]
+
+INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
+_SECANT = 0.3  # of a number's scale, over which a slope has to hold for more than the next dent
+_ALIGNED = 0.2  # how much of the model's error looks like a change of one of its numbers
+_UNCORRECTED = 0.25  # of what half the timestep changes
+_AT_BOUND = 1e-6  # of the width between the bounds
+
+
+def covariance(
+    objective: Objective,
+    one: Fit,
+    noise: FloatArray | None = None,
+    slopes: Slopes | None = None,
+    part: Objective | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance of the values, and how much each matters.
+
+    The errors of one joint stay alike for a while, so rows are not independent: the blocks of the
+    objective are (a cluster-robust sandwich, Liang and Zeger, Biometrika 73, 1986). What is left of
+    a gap beyond the noise is no chance but the model's error, which pulls the values the same way
+    wherever it shows: it may lie along what a number changes, by a cosine of `_ALIGNED`. So may
+    what the timestep changes, which is taken out only as far as it is known: where a number and
+    the timestep change the same, too little or too much of it goes into the number. A jagged gap
+    is steeper from dent to dent than as a whole: of two slopes, over little and over more of a
+    number's scale, the one that tells less counts.
+
+    Args:
+        objective: the recordings that were fitted.
+        one: the fit.
+        noise: (n_scored,) noise of the channels, to allow for the model's error; None for none.
+        slopes: of the fit, where they are known.
+        part: of the recordings, on which it is seen how jagged the gap is and what the timestep
+            pulls; all by default.
+
+    Returns:
+        (n_parameters, n_parameters) covariance, and (n_parameters,) sensitivities: the squared
+        change that a parameter's whole range would make at its slope, in gaps, added up over the
+        scored channels. Below `INSENSITIVE` the recordings say nothing of it, and `fit` leaves it
+        where it started.
+    """
+    if slopes is None:
+        slopes = linearised(objective, one)
+    normal, _ = normal_equations(objective, one, slopes)
+    found = _covariance(objective, one, slopes, noise)
+    seen = objective if part is None else part
+    (own,) = linearised_each(seen, [one], correct=False)
+    pulled = _pulled(seen, one, own)
+    own.correct(seen)
+    there, _ = seen.best(one.case, seen.mean_square(own.residual[None]))
+    (secants,) = linearised_each(seen, [there], part=_SECANT)
+    near, wide = (_covariance(seen, there, each, noise) for each in (own, secants))
+    wider = _wider(np.diag(near), np.diag(wide))
+    found = found * np.outer(wider, wider) + _UNCORRECTED**2 * pulled.T @ pulled
+    return found * np.outer(one.structure.scale, one.structure.scale), sensitivity(one, normal)
+
+
+def _pulled(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
+    """(k, n_parameters) by how much the numerical changes move the values, in their scales.
+
+    Args:
+        objective: the recordings.
+        one: the fit.
+        slopes: its slopes, with the numerical error in them.
+    """
+    there, _ = objective.best(one.case, objective.mean_square(slopes.residual[None]))
+    weighted = slopes.jacobian * objective.weights(there.mean_square)
+    normal, _ = normal_equations(objective, there, slopes)
+    inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
+    pulled: FloatArray = np.einsum("krc,irc->ki", objective.numerical, weighted) @ inverse
+    return pulled
+
+
+def _wider(near: FloatArray, wide: FloatArray) -> FloatArray:
+    """(n_parameters,) by how many times the errors of one variance are larger; 1 at least."""
+    felt = near > 0
+    ratio: FloatArray = np.sqrt(np.maximum(wide / np.where(felt, near, 1.0), 1.0))
+    return np.where(felt, ratio, 1.0)
+
+
+def _covariance(
+    objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray | None
+) -> FloatArray:
+    """(n_parameters, n_parameters) by some slopes, in the parameters' scales."""
+    weighted = slopes.jacobian * objective.weights(one.mean_square)
+    normal, _ = normal_equations(objective, one, slopes)
+    pull = np.einsum("irc,rc->ir", weighted, slopes.residual)
+    scores = np.stack([np.bincount(objective.block, weights=row) for row in pull])
+    blocks = scores.shape[1]
+    inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
+    meat = scores @ scores.T * (blocks / max(1, blocks - len(one.values)))
+    found: FloatArray = inverse @ meat @ inverse
+    if noise is not None:
+        size = one.mean_square + objective.floor**2
+        beyond = float(np.mean(np.maximum(one.mean_square - noise**2, 0.0) / size))
+        found += _ALIGNED**2 * beyond * inverse
+    return found
+
+
+def sensitivity(one: Fit, normal: FloatArray) -> FloatArray:
+    """(n_parameters,) what their whole ranges would change, as in `covariance`."""
+    lower, upper = one.structure.bounds
+    scales: FloatArray = (upper - lower) / one.structure.scale
+    return np.diag(normal) * scales**2 * len(one.mean_square)
+
+
+def at_bound(one: Fit) -> NDArray[np.bool_]:
+    """(n_parameters,) whether each value ran into a bound."""
+    lower, upper = one.structure.bounds
+    nearest = np.minimum(one.values - lower, upper - one.values)
+    at: NDArray[np.bool_] = nearest <= _AT_BOUND * (upper - lower)
+    return at
+
+
+def certainty(
+    objective: Objective, one: Fit, noise: FloatArray, part: Objective | None = None
+) -> FloatArray:
+    """(n_parameters,) standard errors between each value and that which leaves the robot as it is.
+
+    Infinite at a bound, where there is no standard error, and for what is not felt.
+    """
+    found, sensitivity = covariance(objective, one, noise, part=part)
+    std = np.sqrt(np.maximum(np.diag(found), 0.0))
+    away = np.abs(one.values - one.structure.zero)
+    known = ~at_bound(one) & (sensitivity > INSENSITIVE) & (std > 0)
+    errors: FloatArray = np.where(known, away / np.where(known, std, 1.0), np.inf)
+    return np.where(away == 0, 0.0, errors)

@@ -1,0 +1,180 @@
+"""Slopes of a fit: what each of its numbers changes of the residual.
+
+slopes = linearised(objective, fit)
+slopes.follow(step, residual, weights)    # where the fit moves on
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.objective import Moves, Objective
+from walkerkit.gap.search.structure import Case, Fit, Structure, found_in
+
+FloatArray = NDArray[np.float64]
+
+_PERTURBATION = 0.02  # of a parameter's scale
+_RIGHT = 0.1  # of what a step changes may be otherwise than the slopes said
+
+
+@dataclass(kw_only=True)
+class Slopes:
+    """What each parameter changes of a fit's residual, carried along with the fit.
+
+    Where a step changed the residual by something else than the slopes said, they are turned as
+    little as makes them right along that step (Broyden, Mathematics of Computation 19, 1965).
+
+    Attributes:
+        structure: that of the fit.
+        residual: (rows, n_scored).
+        jacobian: (n_parameters, rows, n_scored) per scale.
+        simulated: how many simulations that took; few are not worth carrying along.
+        fresh: they are of this very fit.
+        right: they said what the last step would change.
+        sure: they are of this very fit, or said what the only step since then would change.
+    """
+
+    structure: Structure
+    residual: FloatArray
+    jacobian: FloatArray
+    simulated: int
+    fresh: bool = True
+    right: bool = False
+    sure: bool = True
+
+    def correct(self, objective: Objective) -> None:
+        """Takes out the numerical error."""
+        self.residual, self.jacobian = objective.corrected(self.residual, self.jacobian)
+
+    def follow(self, step: FloatArray, residual: FloatArray, weights: FloatArray) -> None:
+        """Moves on by a step, (n_parameters,) in scales, to where the residual is another."""
+        changed = residual - self.residual
+        missed = changed - np.tensordot(step, self.jacobian, 1)
+        length = float(step @ step)
+        for k in np.flatnonzero(step):
+            self.jacobian[k] += step[k] / length * missed
+        self.residual = residual.copy()
+        size, wrong = (float(np.sum(weights * one**2)) for one in (changed, missed))
+        self.right = wrong < _RIGHT**2 * size
+        self.fresh, self.sure = False, self.fresh and self.right
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Perturbed:
+    """A fit, and every parameter moved a little, away from its bound.
+
+    Attributes:
+        case: the values as they are, then with as many moved at once as cannot meet.
+        move: (n_parameters,) the signed moves.
+        moves: where each of them is.
+    """
+
+    case: Case
+    move: FloatArray
+    moves: Moves
+
+
+def linearised(objective: Objective, one: Fit) -> Slopes:
+    """The slopes at a fit."""
+    (found,) = linearised_each(objective, [one])
+    return found
+
+
+def slopes_to_carry(objective: Objective, one: Fit) -> Slopes | None:
+    """The slopes at a fit, for others to begin with; None where it has no numbers."""
+    return linearised(objective, one) if len(one.values) else None
+
+
+def linearised_each(
+    objective: Objective,
+    fits: Sequence[Fit],
+    own: Sequence[NDArray[np.intp]] | None = None,
+    *,
+    part: float = _PERTURBATION,
+    correct: bool = True,
+) -> Iterator[Slopes]:
+    """The slopes at every fit, simulated, or those of some of its numbers, zero for the others.
+
+    Each over a part of the number's scale; with the numerical error in them if not corrected.
+    """
+    if own is None:
+        own = [np.arange(len(one.values)) for one in fits]
+    moved = [_perturbed(objective, one, some, part) for one, some in zip(fits, own, strict=True)]
+    cases = [one.case for one in moved]
+    for group in objective.grouped(cases):
+        linearised = objective.linearised(cases[group], [one.moves for one in moved[group]])
+        for one, some, perturbed, (residual, changes) in zip(
+            fits[group], own[group], moved[group], linearised, strict=True
+        ):
+            changes *= (one.structure.scale[some] / perturbed.move)[:, None, None]
+            changes[~np.isfinite(changes.sum(axis=(1, 2)))] = 0.0  # what diverged
+            jacobian = changes
+            if len(some) < len(one.values):
+                jacobian = np.zeros((len(one.values), *residual.shape))
+                jacobian[some] = changes
+            slopes = Slopes(
+                structure=one.structure,
+                residual=residual,
+                jacobian=jacobian,
+                simulated=len(perturbed.case.values) - 1,
+            )
+            if correct:
+                slopes.correct(objective)
+            yield slopes
+
+
+def near_slopes(objective: Objective, near: Slopes, starts: Sequence[Fit]) -> Iterator[Slopes]:
+    """Slopes to begin with: those of another fit for the numbers that it has, others simulated."""
+    places = [found_in(start.structure, near.structure) for start in starts]
+    own = [np.flatnonzero(place < 0) for place in places]
+    for start, place, slopes in zip(
+        starts, places, linearised_each(objective, starts, own), strict=True
+    ):
+        scale = start.structure.scale / near.structure.scale[place]
+        slopes.jacobian = np.where(
+            (place < 0)[:, None, None],
+            slopes.jacobian,
+            near.jacobian[place] * scale[:, None, None],
+        )
+        slopes.fresh = slopes.sure = False
+        slopes.simulated = len(place)
+        yield slopes
+
+
+def _perturbed(
+    objective: Objective, current: Fit, own: NDArray[np.intp], part: float
+) -> _Perturbed:
+    structure = current.structure
+    _, upper = structure.bounds
+    move = part * structure.scale
+    move = np.where(current.values + move > upper, -move, move)[own]
+    moves = objective.moves([structure.branches[k] for k in own])
+    values = np.tile(current.values, (2 + int(moves.row.max(initial=-1)), 1))
+    values[1 + moves.row, own] += move
+    return _Perturbed(case=Case(structure=structure, values=values), move=move, moves=moves)
+
+
+def normal_equations(
+    objective: Objective, one: Fit, slopes: Slopes
+) -> tuple[FloatArray, FloatArray]:
+    """JᵀWJ and JᵀWr, in units of the parameters' scales."""
+    weighted = slopes.jacobian * objective.weights(one.mean_square)
+    flat = weighted.reshape(len(weighted), -1)
+    jacobian = slopes.jacobian.reshape(len(weighted), -1)
+    return flat @ jacobian.T, flat @ slopes.residual.ravel()
+
+
+def losses(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
+    """(n_parameters,) by how much the score rises, by the slopes, where each is at its zero.
+
+    The other parameters follow.
+    """
+    normal, _ = normal_equations(objective, one, slopes)
+    variance = np.diag(np.linalg.pinv(normal, rcond=1e-12, hermitian=True))
+    away = (one.values - one.structure.zero) / one.structure.scale
+    lost: FloatArray = 0.5 * away**2 / np.maximum(variance, 1e-300)
+    return np.where(np.diag(normal) > 0, lost, 0.0)
