@@ -16,7 +16,6 @@ from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.certainty import certainty
 from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import evaluate, polished
-from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned
@@ -87,12 +86,11 @@ def at_floor(problem: Problem, current: Fit, base: Evidence) -> bool:
     Each stretch starts from a smoothed state, whose error is all that is left of the gap where
     a log has no noise, as one of another simulator.
     """
-    held, noise = problem.held, problem.noise
-    floor, threads = held.objective.floor, problem.n_threads
-    told = Objective(held.told, problem.channels, floor, n_threads=threads)
-    as_told = told.as_it_is([current.case])[0][0]
+    noise = problem.noise
+    as_told = problem.told.as_it_is([current.case])[0][0]
     # What half the timestep changes is taken out already, though not to the last digit.
-    blurred = np.minimum(np.hypot(noise, held.objective.numerical_size()), _BLURRED * noise)
+    numerical = problem.held.objective.numerical_size()
+    blurred = np.minimum(np.hypot(noise, numerical), _BLURRED * noise)
     return bool(
         (np.sqrt(as_told) <= _AT_FLOOR * noise).all()
         or (np.sqrt(base.mean_square[0]) <= _AT_FLOOR * blurred).all()

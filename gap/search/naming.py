@@ -24,7 +24,7 @@ from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms
 from walkerkit.gap.search.trying import Tries
-from walkerkit.gap.search.worth import confidence, one_sided, worth_it
+from walkerkit.gap.search.worth import confidence, one_sided, tied, worth_it
 
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.01  # of the noise, and of how far a joint moves
@@ -100,11 +100,11 @@ def name_effects(
             current, base = grown
             continue
         contests = [contest(problem, tries, current, term) for term in current.structure.terms]
-        better = next((c.better for c in contests if c.better is not None), None)
-        if better is None or exchanges == _MOST_EXCHANGES:
+        exchanged = _exchanged(problem, base, contests) if exchanges < _MOST_EXCHANGES else None
+        if exchanged is None:
             break
         exchanges += 1
-        current, base = settled(problem, kept(problem, better, [better.structure.terms[-1].effect]))
+        current, base = exchanged
     problem.refine(current)
     whole = over_whole(problem, current)
     if whole is not None:
@@ -165,6 +165,22 @@ def _grown(
         problem.refine(current)
         return None
     return settled(problem, found)
+
+
+def _exchanged(
+    problem: Problem, base: Evidence, contests: Sequence[Contest]
+) -> tuple[Fit, Evidence] | None:
+    """A fit with a better effect in another's place, or None where none holds.
+
+    It was found better by the numerical error of the other; by its own it may be worse, and the
+    other would be found better again.
+    """
+    for better in (one.better for one in contests if one.better is not None):
+        found, own = settled(problem, kept(problem, better, [better.structure.terms[-1].effect]))
+        both = Evidence.joined([base, own])
+        if both.both[1] < both.both[0] or tied(both, len(problem.channels), 1):
+            return found, own
+    return None
 
 
 def _winner(problem: Problem, fits: Sequence[Fit], evidence: Evidence) -> int | None:

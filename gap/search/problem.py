@@ -127,6 +127,12 @@ class Problem:
 
         return replace(self.fit, objective=objective(told), make_finer=finer)
 
+    @cached_property
+    def told(self) -> Objective:
+        """The held-out recordings over the horizon that the gap is told of."""
+        floor = self.held.objective.floor
+        return Objective(self.held.told, self.channels, floor, n_threads=self.n_threads)
+
     @property
     def nothing(self) -> Structure:
         """The structure that adds nothing."""

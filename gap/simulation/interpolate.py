@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
@@ -38,6 +38,12 @@ def delayed(values: FloatArray, past: int, steps: int, shift: FloatArray) -> Flo
                     out[row, some, :, column] *= 1 - part
                     out[row, some, :, column] += part * late
     return out
+
+
+def made_delay(delay: ArrayLike, step: float) -> FloatArray:
+    """What MuJoCo makes of an actuator's `delay`: one of less than a step is a whole step."""
+    asked = np.asarray(delay, dtype=float)
+    return np.where(asked > 0, np.maximum(asked, step), 0.0)
 
 
 def _alike(ages: FloatArray) -> Iterator[tuple[slice, float]]:

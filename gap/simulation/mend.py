@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.simulation.interpolate import made_delay
 from walkerkit.gap.simulation.rebuild import Rebuilt, rebuilds
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
@@ -161,11 +162,15 @@ def _measurement(trials: Trials) -> dict[str, Measurement]:
 
 
 def _delay_commands(spec: mujoco.MjSpec, joint: Joint, delay: float) -> None:
+    step = spec.option.timestep
     for drive in joint.drives:
         actuator = _by_id(spec.actuators, drive.actuator)
-        actuator.delay += delay
+        whole = float(made_delay(actuator.delay, step)) + delay
+        if whole < step:  # no such delay can be made; the nearest that can
+            whole = step * round(whole / step)
+        actuator.delay = whole
         # One sample more than the delay spans, to interpolate between.
-        actuator.nsample = int(np.ceil(actuator.delay / spec.option.timestep - 1e-9)) + 1
+        actuator.nsample = int(np.ceil(whole / step - 1e-9)) + 1 if whole else 0
         actuator.interp = _LINEAR
 
 

@@ -27,7 +27,7 @@ from walkerkit.gap.simulation.channel import Channel as Channel
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
 from walkerkit.gap.simulation.floating import FloatingBase
 from walkerkit.gap.simulation.gear_play import bend, loads
-from walkerkit.gap.simulation.interpolate import at_index, delayed
+from walkerkit.gap.simulation.interpolate import at_index, delayed, made_delay
 from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measured_past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.reading import Reading
@@ -274,7 +274,7 @@ class Replay:
                 # As one delay: two interpolations between steps would smooth twice. And laws have
                 # to see what the drive sees.
                 own = fields.get("actuator_delay", trials.own("actuator_delay")).copy()
-                shift[merged, :, index] += own[merged, drive.actuator, None]
+                shift[merged, :, index] += made_delay(own[merged, drive.actuator, None], step)
                 own[merged, drive.actuator] = 0
                 fields["actuator_delay"] = own
         laws = Laws(model, joints, fields, trials, n_segments) if lawful else None

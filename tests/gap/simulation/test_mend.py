@@ -246,6 +246,14 @@ class TestWhatIsWritten:
         np.testing.assert_allclose(model.actuator_delay, [0.0057, 0])
         np.testing.assert_array_equal(model.actuator_history, [[4, 1], [0, 0]])
 
+    @pytest.mark.parametrize(("steps", "made"), [(0.4, 0.0), (0.6, 1.0), (1.4, 1.4)])
+    def test_a_delay_of_less_than_a_step_is_none_or_one(self, tmp_path, steps, made):
+        step = 0.002
+        model = self.mended("defaults", tmp_path, command_delay={"hip": [steps * step]})
+        assert model.opt.timestep == step
+        np.testing.assert_allclose(model.actuator_delay, [made * step, 0], atol=1e-15)
+        assert model.actuator_history[0, 0] == (np.ceil(made) + 1 if made else 0)
+
     @pytest.mark.parametrize("more", ["", '<compiler inertiafromgeom="true"/>'])
     def test_of_bodies_and_the_world(self, tmp_path, monkeypatch, more):
         text = MODELS["defaults"].replace("<default>", f"{more}<default>", 1)
