@@ -63,6 +63,8 @@ def covariance(
     near, wide = (_covariance(seen, there, each, noise) for each in (own, secants))
     wider = _wider(np.diag(near), np.diag(wide))
     found = found * np.outer(wider, wider) + _UNCORRECTED**2 * pulled.T @ pulled
+    # What a small move does not change, a larger one may.
+    found += np.diag(np.where(np.diag(near) > 0, 0.0, np.diag(wide)))
     return found * np.outer(one.structure.scale, one.structure.scale), sensitivity(one, normal)
 
 
@@ -128,11 +130,11 @@ def certainty(
 ) -> FloatArray:
     """(n_parameters,) standard errors between each value and that which leaves the robot as it is.
 
-    Infinite at a bound, where there is no standard error, and for what is not felt.
+    Infinite for what is not felt at all, as where a gap has steps.
     """
-    found, sensitivity = covariance(objective, one, noise, part=part)
+    found, _ = covariance(objective, one, noise, part=part)
     std = np.sqrt(np.maximum(np.diag(found), 0.0))
     away = np.abs(one.values - one.structure.zero)
-    known = ~at_bound(one) & (sensitivity > INSENSITIVE) & (std > 0)
-    errors: FloatArray = np.where(known, away / np.where(known, std, 1.0), np.inf)
+    felt = std > 0
+    errors: FloatArray = np.where(felt, away / np.where(felt, std, 1.0), np.inf)
     return np.where(away == 0, 0.0, errors)

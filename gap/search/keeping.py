@@ -130,11 +130,12 @@ def _without_the_uncertain(problem: Problem, current: Fit) -> Fit:
         (one,) = evaluate(problem.fit.objective, [(current.structure, current.values)])
         objective, part = problem.fit.objective, problem.screen.objective
         sure = certainty(objective, one, problem.noise, part)
-        known = {
-            term: float(sure[one.structure.columns(term)].max())
-            for term in one.structure.terms
-            if term.effect.fitted
-        }
+        known = {}
+        for term in one.structure.terms:
+            if term.effect.fitted:
+                own = sure[one.structure.columns(term)]
+                felt = own[np.isfinite(own)]
+                known[term] = float(max(felt if felt.size else own))
         least = min(known, key=known.__getitem__, default=None)
         if least is None or known[least] >= _CERTAIN:
             break
