@@ -14,7 +14,7 @@ from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, JointEffect, Parameter
 from walkerkit.gap.effects.base import registered
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
-from walkerkit.gap.search.certainty import INSENSITIVE, covariance
+from walkerkit.gap.search.certainty import INSENSITIVE, at_bound, certainty, covariance
 from walkerkit.gap.search.fit import evaluate, fit, polish
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.screen import screen
@@ -597,6 +597,24 @@ class TestCovariance:
         stiffness, springref = sensitivity
         assert stiffness > 1
         assert springref == 0.0
+
+
+class TestCertainty:
+    def test_a_value_at_its_bound_has_a_distance_and_one_that_is_not_felt_has_none(self):
+        robot = pendulum()
+        recording = run(robot, 0.5)
+        tried = structure([sized(robot, recording)], parallel_spring=["hip"])
+        one = objective(robot, [recording])
+        noise = one.floor
+        upper = tried.bounds[1]
+        # A spring of no stiffness has no zero.
+        sure = certainty(one, evaluate(one, [(tried, np.array([0.0, 0.1]))])[0], noise)
+        assert sure.tolist() == [0.0, np.inf]
+        (stiff,) = evaluate(one, [(tried, np.array([upper[0], 0.0]))])
+        assert at_bound(stiff)[0]
+        variance, _ = covariance(one, stiff, noise)
+        expected = upper[0] / np.sqrt(variance[0, 0])
+        assert certainty(one, stiff, noise)[0] == pytest.approx(expected)
 
 
 class TestScreen:
