@@ -78,6 +78,7 @@ class _Periodic(LawEffect):
         starts, known = self.waves(robot, joint), self.known(robot, joint)
         turn = 2 * np.pi / robot.excursion(joint).range
         slide, factor = robot.joints[joint].slide, self.form == "effort"
+        fewest, highest = min(_FEWEST * turn, known["periods"]), max(_MOST * turn, known["periods"])
         return (
             Parameter(
                 name="amplitude",
@@ -92,10 +93,10 @@ class _Periodic(LawEffect):
                 name="periods",
                 unit="1/m" if slide else "1/rad",
                 zero=known["periods"],
-                lower=min(_FEWEST * turn, known["periods"]),
-                upper=max(_MOST * turn, known["periods"]),
+                lower=fewest,
+                upper=highest,
                 scale=0.1 * turn,
-                starts=tuple(wave.periods for wave in starts),
+                starts=tuple(float(np.clip(wave.periods, fewest, highest)) for wave in starts),
             ),
             Parameter(
                 name="phase",

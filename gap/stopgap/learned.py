@@ -37,6 +37,7 @@ FloatArray = NDArray[np.float64]
 Signals = tuple[FloatArray, FloatArray, FloatArray]
 
 _HISTORY = 3  # samples of each signal
+_FEWEST = 100  # steps of a recording that says something
 _HELD_OUT = 0.2  # of each fitted recording, to know when to stop
 _SHRINKS = 0.25  # of the joint's position error that it has to take away
 _STRONGER = 1.5  # times the largest effort that was reported: what it may ask for
@@ -97,8 +98,8 @@ def learned_drive(
         before: its position error on held-out recordings as it is [rad; m].
 
     Returns:
-        The drive, or None where the joint's effort was not logged, its drive cannot be replaced, or
-        the network is not worth it.
+        The drive, or None where the joint's effort was not logged or says nothing, its drive cannot
+        be replaced, or the network is not worth it.
     """
     logged = all(
         recording.signal(joint, "effort") is not None
@@ -112,8 +113,13 @@ def learned_drive(
     signals = [
         _signals(problem, robot, joint, recording, lag) for recording in problem.fit.recordings[0]
     ]
+    signals = [one for one in signals if len(one[0]) >= _FEWEST]
+    if not signals:
+        return None
     law = _drive_law(robot, joint)
-    _, velocity, effort = (np.concatenate(parts) for parts in zip(*signals, strict=True))
+    error, velocity, effort = (np.concatenate(parts) for parts in zip(*signals, strict=True))
+    if not all(np.ptp(signal) > 0 for signal in (error, velocity, effort)):
+        return None
     drive = LearnedDrive(
         joint=joint,
         trained=beside(fit_network(_rows(signals, law), _HISTORY), **law),

@@ -1,9 +1,31 @@
 """Effects that come back with the pose."""
 
 import math
+from dataclasses import replace
+
+import mujoco
+import pytest
 
 from tests.gap.effects.contract import EffectContract
 from tests.gap.effects.test_law_friction import stiffened
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.simulation.robot import Excursion, robot_from_spec
+from walkerkit.gap.simulation.wave import Wave
+
+ARM = """
+<mujoco><worldbody><body><joint name="j" axis="0 1 0"/><geom size="0.1"/></body></worldbody>
+<actuator><position joint="j" kp="10"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.parametrize("periods", [1e-3, 1e5])
+def test_a_wave_beyond_the_bounds_starts_at_them(periods):
+    robot = robot_from_spec(mujoco.MjSpec.from_string(ARM), "arm.xml")
+    wave = Wave(form="pose", periods=periods, amplitude=0.1, phase=0.0)
+    robot = replace(robot, excursions={"j": Excursion(prominent=lambda: (wave,))})
+    found = CATALOGUE["cogging"].parameters(robot, "j")
+    (parameter,) = [one for one in found if one.name == "periods"]
+    assert parameter.starts == ((parameter.lower if periods < 1 else parameter.upper),)
 
 
 class TestPoseDependentFriction(EffectContract):

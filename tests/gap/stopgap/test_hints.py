@@ -12,7 +12,7 @@ from tests.gap.stopgap import rig
 from walkerkit import gap
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.stopgap.closed_loop import can_close, closed_loop_gap
-from walkerkit.gap.stopgap.learned import runnable
+from walkerkit.gap.stopgap.learned import learned_drive, runnable
 from walkerkit.walkers import MjcfWalker
 from walkerkit.walkers.saved import saved_actuators
 
@@ -39,6 +39,21 @@ def test_are_told_from_what_is_found(soft):
     assert "Stopgaps, which explain nothing" in text
     assert "A formula at shaft: missing effort ≈ " in text
     assert "stopgap_shaft.npz" in text
+
+
+@pytest.mark.parametrize("constant", [False, True], ids=["short", "constant"])
+def test_no_drive_is_learned_of_logs_that_say_nothing(soft, constant):
+    def emptied(recording):
+        few = slice(None) if constant else slice(0, 40)
+        columns = {name: values[few].copy() for name, values in recording.columns.items()}
+        if constant:
+            columns[f"{rig.JOINT}/effort"][:] = 0.25
+        return replace(recording, time=recording.time[few], columns=columns)
+
+    half = soft.problem.fit
+    recordings = tuple(tuple(emptied(r) for r in group) for group in half.recordings)
+    problem = replace(soft.problem, fit=replace(half, recordings=recordings))
+    assert learned_drive(problem, soft.robots[0], rig.JOINT, before=1.0) is None
 
 
 def test_are_in_the_json(soft):
