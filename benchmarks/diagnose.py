@@ -202,13 +202,11 @@ def counted_steps() -> Iterator[list[int]]:
         count[0] += self.n_sims * n_steps
         return step_by_step(self, state, n_steps, before, **given)
 
-    LockStep.rollout = counted_rollout  # type: ignore[method-assign]
-    LockStep.step_by_step = counted_stepwise  # type: ignore[method-assign]
-    try:
+    with (
+        mock.patch.object(LockStep, "rollout", counted_rollout),
+        mock.patch.object(LockStep, "step_by_step", counted_stepwise),
+    ):
         yield count
-    finally:
-        LockStep.rollout = rollout  # type: ignore[method-assign]
-        LockStep.step_by_step = step_by_step  # type: ignore[method-assign]
 
 
 def raw_step(model: mujoco.MjModel) -> float:

@@ -372,11 +372,11 @@ def _turns(before: Sequence[_Replayed], after: Sequence[_Replayed], place: int) 
     """Whether a joint moves against its simulation in every stretch, and with it once mended."""
     if len(before) < _MOST_TRIED_ON:
         return False
-    against, along = ([_alike(one, place) for one in some] for some in (before, after))
+    against, along = ([_correlation(one, place) for one in some] for some in (before, after))
     return max(against) < -_AGAINST and min(along) > _FOLLOWS
 
 
-def _alike(one: _Replayed, place: int) -> float:
+def _correlation(one: _Replayed, place: int) -> float:
     """Correlation of a joint's position with its simulation; 0 where either stands or ran away."""
     done, wanted = (
         some[:, place, 0] - some[:, place, 0].mean() for some in (one.measured, one.predicted)

@@ -23,6 +23,7 @@ ARM = """<mujoco model="arm"><compiler angle="radian"/><option timestep="0.005"/
 <body name="arm"><joint name="knee" axis="0 1 0" damping="0.1" armature="0.01"/>
 <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.4"/></body></worldbody>
 <actuator><position joint="knee" kp="20" kv="0.6"/></actuator></mujoco>"""
+_MODEL = {"arm.xml": ARM.encode()}
 
 _ELEMENTS = (
     *("joint", "geom", "body", "site", "inertial", "freejoint", "position", "motor", "mesh"),
@@ -124,7 +125,7 @@ SIDECARS: st.SearchStrategy[Case] = st.one_of(
     _beside(), st.integers(1, 100_000).map(lambda depth: b'{"models":' + b"[" * depth)
 ).map(
     lambda content: Case(
-        files={"arm.xml": ARM.encode(), "actuators.json": content},
+        files=_MODEL | {"actuators.json": content},
         act=lambda folder: with_sidecar(load_robot("arm.xml"), Path("arm.xml")),
         place="actuators.json",
     )
@@ -168,7 +169,7 @@ def _arguments(draw: st.DrawFn) -> tuple[str, ...]:
 COMMANDS: st.SearchStrategy[Case] = _arguments().map(
     lambda arguments: Case(
         files={
-            "arm.xml": ARM.encode(),
+            **_MODEL,
             "log.csv": _LOG,
             "experiments.toml": b'[[experiment]]\nmodel = "arm.xml"\nrecordings = ["log.csv"]\n',
         },
@@ -189,9 +190,6 @@ _SHAPES = {
     "large": 1e6 * np.sin(9 * _TIME),
 }
 _ANGLES = tuple(name for name in _SHAPES if name not in ("huge", "large"))
-
-
-_MODEL = {"arm.xml": ARM.encode()}
 
 
 @st.composite

@@ -58,7 +58,7 @@ def covariance(
     (own,) = linearised_each(seen, [one], correct=False)
     pulled = _pulled(seen, one, own)
     own.correct(seen)
-    there, _ = seen.best(one.case, seen.mean_square(own.residual[None]))
+    there = seen.at(one, own.residual)
     (secants,) = linearised_each(seen, [there], part=_SECANT)
     near, wide = (_covariance(seen, there, each, noise) for each in (own, secants))
     wider = _wider(np.diag(near), np.diag(wide))
@@ -76,7 +76,7 @@ def _pulled(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
         one: the fit.
         slopes: its slopes, with the numerical error in them.
     """
-    there, _ = objective.best(one.case, objective.mean_square(slopes.residual[None]))
+    there = objective.at(one, slopes.residual)
     weighted = slopes.jacobian * objective.weights(there.mean_square)
     normal, _ = normal_equations(objective, there, slopes)
     inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)

@@ -168,7 +168,7 @@ def polish(
     """
     if slopes is None:
         slopes = linearised(objective, start)
-    best, _ = objective.best(start.case, objective.mean_square(slopes.residual[None]))
+    best = objective.at(start, slopes.residual)
     for k in range(iterations if len(best.values) and np.isfinite(best.score) else 0):
         if progress:
             progress(stage, k / iterations)

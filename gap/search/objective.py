@@ -294,6 +294,11 @@ class Objective:
         )
         return found, k
 
+    def at(self, one: Fit, residual: FloatArray) -> Fit:
+        """A fit with the score that its residual has here, (rows, n_scored)."""
+        found, _ = self.best(one.case, self.mean_square(residual[None]))
+        return found
+
     def mean_square(self, residual: FloatArray) -> FloatArray:
         """(..., rows, n_scored) residuals → (..., n_scored) mean squares."""
         squares: FloatArray = np.einsum("...rc,...rc->...c", residual, residual) / self.count

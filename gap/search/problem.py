@@ -114,24 +114,23 @@ class Problem:
         if self.window is not None or sum(replay.steps for replay in told) > _MOST_WHOLE:
             return self.fit
 
-        def objective(replays: Sequence[Replay]) -> Objective:
-            floor = self.fit.objective.floor
-            return Objective(replays, self.channels, floor, n_threads=self.n_threads)
-
         def remade(one: Replay, remake: Callable[[Robot], Robot]) -> Replay:
             robot, threads = remake(one.robot), one.n_threads
             return Replay(robot, one.segments, self.channels, hold=self.hold, n_threads=threads)
 
         def finer() -> tuple[Objective, ...]:
-            return tuple(objective([remade(one, remake) for one in told]) for remake in _FINER)
+            return tuple(self._objective([remade(one, each) for one in told]) for each in _FINER)
 
-        return replace(self.fit, objective=objective(told), make_finer=finer)
+        return replace(self.fit, objective=self._objective(told), make_finer=finer)
 
     @cached_property
     def told(self) -> Objective:
         """The held-out recordings over the horizon that the gap is told of."""
-        floor = self.held.objective.floor
-        return Objective(self.held.told, self.channels, floor, n_threads=self.n_threads)
+        return self._objective(self.held.told)
+
+    def _objective(self, replays: Sequence[Replay]) -> Objective:
+        floor = self.fit.objective.floor
+        return Objective(replays, self.channels, floor, n_threads=self.n_threads)
 
     @property
     def nothing(self) -> Structure:
