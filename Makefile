@@ -3,12 +3,13 @@ PYTHON ?= python3
 BIN := .venv/bin
 FOLDERS := actuators walkers tasks gap
 # A strict editable install links file by file, so a new file means a new install.
-FILES := $(shell (find $(FOLDERS) -type f -not -name '*.pyc' | sort; cat setup.py pyproject.toml constraints.txt) | cksum | cut -d' ' -f1)
+FILES := $(shell (find $(FOLDERS) -type f -not -name '*.pyc' | sort; cat setup.py pyproject.toml requirements.lock) | cksum | cut -d' ' -f1)
 INSTALLED := .venv/installed-$(FILES)
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 export MUJOCO_GL ?= disable
 
-.PHONY: demo test lint bench docs package format install clean
+.PHONY: demo test lint bench docs package audit lock format install clean
 .DEFAULT_GOAL := demo
 
 demo: $(INSTALLED)
@@ -33,6 +34,13 @@ docs: $(INSTALLED)
 package: $(INSTALLED)
 	.ci/package
 
+audit: $(INSTALLED)
+	.ci/audit
+
+# The newest versions with ARGS=--upgrade.
+lock: $(INSTALLED)
+	.ci/lock $(ARGS)
+
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
@@ -42,7 +50,8 @@ install: $(INSTALLED)
 $(INSTALLED):
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	rm -rf build .venv/installed-*
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(PIP) --no-deps --require-hashes --requirement requirements.lock
+	$(PIP) --no-build-isolation --editable '.[dev]'
 	touch $@
 
 clean:
