@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.blas import on_one_thread
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.fitted import Fitted, FittedEffect
@@ -45,6 +46,7 @@ from walkerkit.gap.workflow import WINDOW, prepare
 FloatArray = NDArray[np.float64]
 
 
+@on_one_thread
 def load(
     model: str | Path,
     recordings: Sequence[str | Path | Recording] = (),
@@ -107,6 +109,7 @@ class Comparison:
         return traces(self.problem, self.before, self.after)
 
 
+@on_one_thread
 def replay(problem: Problem, robots: Sequence[Robot] | None = None) -> Comparison:
     """Simulates the recorded commands, from the measured state.
 
@@ -149,6 +152,7 @@ def locate(replayed: Comparison) -> tuple[Location, ...]:
     return rank(replays, residuals, replayed.problem.joints)
 
 
+@on_one_thread
 def fit(
     problem: Problem,
     effects: Mapping[str, Sequence[str] | str],
@@ -207,7 +211,7 @@ def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -
     first = np.array([slot.parameter.starts[0] for slot in structure.slots])
     starts = [(structure, np.clip(v, *structure.bounds)) for v in (structure.zero, first)]
     start = min(evaluate(objective, starts), key=lambda one: one.score)
-    found, _ = polish(objective, start, progress=progress)
+    found, _ = polish(objective, start, near_enough=True, progress=progress)
     left = [term for term in terms if not term.effect.ordinary]
     objective = problem.race.objective
     while left:

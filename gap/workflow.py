@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.blas import on_one_thread
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings import base
@@ -118,6 +119,7 @@ class Setup:
         )
 
 
+@on_one_thread
 def diagnose(
     model: str | Path,
     recordings: Sequence[str | Path | Recording] = (),
@@ -207,6 +209,7 @@ def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -
     return with_hints(summarise(problem, rounds, mended, seconds=0.0))
 
 
+@on_one_thread
 def compare(
     model: str | Path,
     recordings: Sequence[str | Path | Recording] = (),

@@ -145,6 +145,7 @@ def polish(
     *,
     iterations: int = 20,
     certain: bool = True,
+    near_enough: bool = False,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> tuple[Fit, Slopes]:
@@ -160,6 +161,7 @@ def polish(
         iterations: the most steps.
         certain: slopes that were right along the last step may be wrong elsewhere; do not end on
             them.
+        near_enough: for a start; also believe slopes that kept half of what they promised twice.
         progress: called before each step.
         stage: what it is told.
 
@@ -168,7 +170,7 @@ def polish(
     """
     if slopes is None:
         slopes = linearised(objective, start)
-    best = objective.at(start, slopes.residual)
+    best, kept = objective.at(start, slopes.residual), 0
     for k in range(iterations if len(best.values) and np.isfinite(best.score) else 0):
         if progress:
             progress(stage, k / iterations)
@@ -176,12 +178,14 @@ def polish(
         trials = _steps(best, normal, gradient)
         step = (trials[0] - best.values) / best.structure.scale
         promised = -float(step @ (gradient + 0.5 * normal @ step))
-        if promised < _CONVERGED and (slopes.sure or (slopes.right and not certain)):
+        believed = slopes.sure or (slopes.right and not certain) or (near_enough and kept > 1)
+        if promised < _CONVERGED and believed:
             break
         fresh, gain = slopes.fresh, 0.0
         if promised >= _CONVERGED:
             better, residual = _tried(objective, best.structure, trials[:1])
-            if best.score - better.score < _KEEPS * promised:
+            kept = kept + 1 if best.score - better.score >= _KEEPS * promised else 0
+            if not kept:
                 damped = _tried(objective, best.structure, trials[1:])
                 better, residual = min((better, residual), damped, key=lambda one: one[0].score)
             gain = best.score - better.score

@@ -18,6 +18,7 @@ from walkerkit.gap.search.structure import Case, Fit, Structure, found_in
 FloatArray = NDArray[np.float64]
 
 _PERTURBATION = 0.02  # of a parameter's scale
+_ROWS = 256  # of slopes, multiplied at a time
 _RIGHT = 0.1  # of what a step changes may be otherwise than the slopes said
 
 
@@ -162,10 +163,16 @@ def normal_equations(
     objective: Objective, one: Fit, slopes: Slopes
 ) -> tuple[FloatArray, FloatArray]:
     """JᵀWJ and JᵀWr, in units of the parameters' scales."""
-    weighted = slopes.jacobian * objective.weights(one.mean_square)
-    flat = weighted.reshape(len(weighted), -1)
-    jacobian = slopes.jacobian.reshape(len(weighted), -1)
-    return flat @ jacobian.T, flat @ slopes.residual.ravel()
+    weights = objective.weights(one.mean_square)
+    n, rows, _ = slopes.jacobian.shape
+    normal, gradient = np.zeros((n, n)), np.zeros(n)
+    # A few rows at a time stay in a core's cache.
+    for first in range(0, rows, _ROWS):
+        part = slopes.jacobian[:, first : first + _ROWS]
+        weighted = (part * weights).reshape(n, -1)
+        normal += weighted @ part.reshape(n, -1).T
+        gradient += weighted @ slopes.residual[first : first + _ROWS].ravel()
+    return normal, gradient
 
 
 def losses(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from walkerkit import gap
 from walkerkit.actuators import DcMotorActuatorCfg, DelayedActuatorCfg
@@ -35,6 +36,30 @@ SERVO = """
   <actuator><position joint="knee" kp="30" kv="1"/></actuator>
 </mujoco>
 """
+
+
+def test_products_are_on_one_thread_while_a_step_of_the_workflow_runs(tmp_path: Path) -> None:
+    def threads() -> set[int]:
+        return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+    (tmp_path / "servo.xml").write_text(SERVO)
+    time = np.arange(120) / 250
+    target = 0.2 * np.sin(4 * time)
+    columns = {"knee/position_target": target, "knee/position": 0.9 * target}
+    logs = [Recording(name=name, time=time, columns=columns) for name in "ab"]
+    seen: list[set[int]] = []
+
+    def watched(what: str, done: float) -> None:
+        seen.append(threads())
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = threads()
+        problem = gap.load(tmp_path / "servo.xml", logs)
+        gap.fit(problem, {"viscous_friction": "*"}, progress=watched)
+        gap.diagnose(tmp_path / "servo.xml", logs, effects=["torque_bias"], progress=watched)
+        assert threads() == before == {2}
+    assert len(seen) > 4
+    assert all(one == {1} for one in seen)
 
 
 def test_a_diagnosis_depends_neither_on_threads_nor_on_pickling(tmp_path: Path) -> None:

@@ -357,18 +357,23 @@ def problem():
     return robot, recording, objective(robot, [recording], (POSITION, EFFORT))
 
 
+def counted(robot, recording):
+    """An objective, and a list to which every simulation of it adds how many robots it had."""
+    rows = []
+
+    class Counted(Objective):
+        def _as_simulated(self, cases):
+            rows.append(sum(len(case.values) for case in cases))
+            return super()._as_simulated(cases)
+
+    replay = Replay(robot, whole(recording), (POSITION, EFFORT))
+    return Counted([replay], (POSITION, EFFORT), np.full(2, 1e-4)), rows
+
+
 class TestPolish:
     def test_finds_the_best_in_fewer_simulations(self, problem):
         robot, recording, _ = problem
-        rows = []
-
-        class Counted(Objective):
-            def _as_simulated(self, cases):
-                rows.append(sum(len(case.values) for case in cases))
-                return super()._as_simulated(cases)
-
-        replay = Replay(robot, whole(recording), (POSITION, EFFORT))
-        one = Counted([replay], (POSITION, EFFORT), np.full(2, 1e-4))
+        one, rows = counted(robot, recording)
         tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
         (near,) = evaluate(one, [(tried, np.array([0.24, 0.021]))])
         rows.clear()
@@ -397,6 +402,18 @@ class TestPolish:
         far = Fit(structure=tried, values=tried.bounds[1], score=np.inf, mean_square=np.zeros(2))
         found, _ = polish(one, far)
         np.testing.assert_allclose(found.values, [0.25, 0.02], rtol=1e-3)
+
+    def test_a_start_is_near_enough_before_it_is_certain(self, problem):
+        robot, recording, _ = problem
+        one, rows = counted(robot, recording)
+        tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
+        far = Fit(structure=tried, values=tried.bounds[1], score=np.inf, mean_square=np.zeros(2))
+        best, _ = polish(one, far)
+        certain = sum(rows)
+        rows.clear()
+        found, _ = polish(one, far, near_enough=True)
+        assert sum(rows) < certain
+        np.testing.assert_allclose(found.values, best.values, rtol=0.05)
 
     def test_numerical_error_is_taken_out_of_slopes_without_simulating_them_again(self, problem):
         robot, recording, _ = problem
