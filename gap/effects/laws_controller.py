@@ -51,7 +51,8 @@ class SlewLimit(LawEffect):
                 lower=0.02 * fastest,
                 upper=zero,
                 scale=0.05 * fastest,
-                starts=tuple(part * fastest for part in (1.0, 0.7, 0.5, 0.35, 0.2)),
+                # A limit shows from a little below the true one to where nothing is as fast.
+                starts=tuple(p * fastest for p in (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.35, 0.2)),
             ),
         )
 

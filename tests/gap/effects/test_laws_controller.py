@@ -49,6 +49,14 @@ class TestSlewLimit(EffectContract):
         machine.controller = slewed
         return {"knee": [1.3]}
 
+    def test_a_limit_that_only_the_fastest_moves_reach_is_near_a_start(self, plain):
+        # Its gap is narrow: above the fastest move nothing changes, far below it all moves are off.
+        robot, _ = plain
+        (rate,) = self.effect.parameters(robot, "knee")
+        starts = np.array(rate.starts)
+        for limit in np.linspace(0.5, 1.0, 26) * robot.excursion("knee").velocity:
+            assert np.abs(starts / limit - 1).min() < 0.1, limit
+
 
 class TestSampleAndHold(EffectContract):
     name = "sample_and_hold"
