@@ -26,8 +26,9 @@ FloatArray = NDArray[np.float64]
 _Float = TypeVar("_Float", np.float32, np.float64)
 
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
-_FACTORS = ((0.0, 3.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
+_FACTORS = ((0.0, 3.0), (-2.0, 2.0), (0.0, 3.0))  # finer timestep; other integrator; finer still
 _REMEMBERED = 4  # values at which the numerical error is known
+_COARSE = 6  # times the floor; what a finer timestep changes by more, a still finer one tells better
 _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
 _SWEEPS = 30
 _LEAST_FLOOR = 1e-9  # of logs without any noise
@@ -64,10 +65,10 @@ class Objective:
         n_threads: threads of the simulation, 0 for all cores.
 
     The simulation's own numerical error is a nuisance of every prediction. What a finer timestep
-    changes, and what another integrator changes then, are added to it by the factors that suit the
-    measurement best (the first 0 for a log from a simulation with the same timestep, 2 for a
-    machine, which has none, if the finer timestep is half). So no effect is named for an error
-    that a finer step removes.
+    changes, and what another integrator and a still finer timestep change then, are added to it by
+    the factors that suit the measurement best (all 0 for a log from a simulation with the same
+    timestep; 1, 0 and up to 2 for a machine, which has no such error, if the timesteps are a half
+    and a quarter). So no effect is named for an error that a finer step removes.
 
     Attributes:
         numerical: (k, rows, n_scored) those changes; empty until `refine` finds them.
@@ -101,7 +102,8 @@ class Objective:
 
         Args:
             finer: the same recordings replayed at a finer timestep, then also with another
-                integrator; none with numerical errors of its own taken out.
+                integrator, then at a timestep finer still, which is only simulated where the first
+                changes much; none with numerical errors of its own taken out.
             case: one row of values.
             own: (rows, n_scored) their residual as simulated, where it is known.
         """
@@ -112,12 +114,16 @@ class Objective:
             if key == structure.key and (np.abs(values - at) <= near).all():
                 self.numerical = changes
                 return
-        wanted = [*([self] if own is None else []), *finer]
+        wanted = [*([self] if own is None else []), *finer[:2]]
         residuals = [] if own is None else [own]
         residuals += [one[0] for one in _side_by_side(wanted, [case])]
-        if not all(np.isfinite(residual).all() for residual in residuals):
-            residuals = residuals[:1]
-        self.numerical = np.diff(np.stack(residuals), axis=0)
+        coarse, half, *others = residuals
+        self.numerical = (half - coarse)[None]
+        if (self.numerical_size() > _COARSE * self.floor).any():
+            others += [one.simulated([case])[0][0] for one in finer[2:]]
+        self.numerical = np.stack([*self.numerical, *(other - half for other in others)])
+        if not np.isfinite(self.numerical).all():
+            self.leave_as_simulated()
         self._refined.append((structure.key, values, self.numerical))
 
     def moves(self, only: Sequence[int | None]) -> Moves:

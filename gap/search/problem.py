@@ -37,6 +37,7 @@ _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 _FINER: tuple[Callable[[Robot], Robot], ...] = (
     lambda robot: robot.refined(REFINEMENT),
     lambda robot: robot.refined(REFINEMENT, other_integrator=True),
+    lambda robot: robot.refined(REFINEMENT**2),
 )
 
 
@@ -48,7 +49,8 @@ class Half:
         recordings: per robot.
         told: their replays over the horizon that the gap is told of.
         objective: their comparison with the simulation, in stretches.
-        make_finer: makes the same at a finer timestep, and then with another integrator too.
+        make_finer: makes the same at a finer timestep, then with another integrator too, then at a
+            timestep finer still.
     """
 
     recordings: tuple[tuple[Recording, ...], ...]
