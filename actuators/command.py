@@ -67,15 +67,37 @@ class ActuatorCmd:
         Args:
             joints: what indexes the last axis.
         """
-        part = object.__new__(ActuatorCmd)
-        for name in TARGETS:
-            value = getattr(self, name)
-            if value is not None:
-                # A vector is indexed by them alone, which takes a fraction of the time.
-                value = value[joints] if value.ndim == 1 else value[..., joints]
-                value.flags.writeable = False
-            object.__setattr__(part, name, value)
-        return part
+        targets = (self.position_target, self.velocity_target, self.effort_target)
+        return ActuatorCmd.of_finite(
+            # A vector is indexed by them alone, which takes a fraction of the time.
+            *(
+                target if target is None else target[joints if target.ndim == 1 else (..., joints)]
+                for target in targets
+            )
+        )
+
+    @classmethod
+    def of_finite(
+        cls,
+        position_target: FloatArray | None = None,
+        velocity_target: FloatArray | None = None,
+        effort_target: FloatArray | None = None,
+    ) -> ActuatorCmd:
+        """A command of targets that are known to be right, which are its own from now on.
+
+        Args:
+            position_target: finite, and of the others' shape, as the next two.
+            velocity_target: or None.
+            effort_target: or None.
+        """
+        cmd = object.__new__(cls)
+        for name, target in zip(
+            TARGETS, (position_target, velocity_target, effort_target), strict=True
+        ):
+            if target is not None:
+                target.flags.writeable = False
+            object.__setattr__(cmd, name, target)
+        return cmd
 
 
 TARGETS = tuple(field.name for field in fields(ActuatorCmd))

@@ -11,7 +11,7 @@ Its arrays have one column per joint, of all its actuators together, in kinemati
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,7 +58,7 @@ class ActuatorGroup:
         self._columns: tuple[Any, ...] = ()
         self._single = len(configs) == 1
         self._last: ActuatorCmd | None = None
-        self._parts: tuple[ActuatorCmd, ...] = ()
+        self._parts: dict[int, ActuatorCmd] = {}
         self._simulation: Simulation | None = None
         self._ctrl: FloatArray = np.zeros(0)
         self._ctrl_at: tuple[Any, ...] = ()
@@ -129,7 +129,7 @@ class ActuatorGroup:
         # A target that none of them takes is left in, to be refused; so is an effort, always.
         some = self.takes - {"effort_target"}
         self._for_others = tuple(some - actuator.takes for actuator in self.actuators)
-        self._joined, self._apart = joined(self.actuators)
+        self._joined, self._apart = joined(self.actuators, self._columns)
         self._last = None
 
     def reset(self, env_ids: ArrayLike | None = None, random_state: Random | None = None) -> None:
@@ -157,10 +157,9 @@ class ActuatorGroup:
         if self._single:
             return self.actuators[0].compute(cmd)
         controls = np.empty((*self.simulation.batch_shape, len(self._joint_names)))
-        for actuator, part, columns in zip(
-            self.actuators, self._split(cmd), self._columns, strict=True
-        ):
-            controls[..., columns] = actuator.compute(part)
+        parts = self._split(cmd, range(len(self.actuators)))
+        for i, (actuator, columns) in enumerate(zip(self.actuators, self._columns, strict=True)):
+            controls[..., columns] = actuator.compute(parts[i])
         return controls
 
     def apply(self, cmd: ActuatorCmd) -> None:
@@ -170,9 +169,9 @@ class ActuatorGroup:
             cmd: as in `compute`.
         """
         again = cmd is self._last
-        parts = self._parts if again else self._split(cmd)
+        parts = self._parts if again else self._split(cmd, self._apart)
         for lot in self._joined:
-            lot.apply(parts)
+            lot.apply(cmd)
         for i in self._apart:
             actuator = self.actuators[i]
             if again and actuator.holds:
@@ -184,23 +183,23 @@ class ActuatorGroup:
         """Lets the next `apply` write every control, also those that hold."""
         self._last = None
 
-    def _split(self, cmd: ActuatorCmd) -> tuple[ActuatorCmd, ...]:
-        if cmd is self._last:
-            return self._parts
-        expected = (*self.simulation.batch_shape, len(self._joint_names))
-        if cmd.shape is not None and cmd.shape != expected:
-            raise ValueError(
-                f"the targets have shape {cmd.shape}, the robot takes {expected}: one number for "
-                f"each of {list(self._joint_names)}"
-            )
-        parts: tuple[ActuatorCmd, ...] = (cmd,)
-        if not self._single:
-            parts = tuple(
-                _without(cmd.select(columns), others)
-                for columns, others in zip(self._columns, self._for_others, strict=True)
-            )
-        self._last, self._parts = cmd, parts
-        return parts
+    def _split(self, cmd: ActuatorCmd, places: Iterable[int]) -> Mapping[int, ActuatorCmd]:
+        """The parts of a command that these actuators get, at least."""
+        if cmd is not self._last:
+            expected = (*self.simulation.batch_shape, len(self._joint_names))
+            if cmd.shape is not None and cmd.shape != expected:
+                raise ValueError(
+                    f"the targets have shape {cmd.shape}, the robot takes {expected}: one number "
+                    f"for each of {list(self._joint_names)}"
+                )
+            self._last, self._parts = cmd, {}
+        for i in places:
+            if i not in self._parts:
+                self._parts[i] = cmd if self._single else self._part(cmd, i)
+        return self._parts
+
+    def _part(self, cmd: ActuatorCmd, i: int) -> ActuatorCmd:
+        return _without(cmd.select(self._columns[i]), self._for_others[i])
 
     @property
     def simulation(self) -> Simulation:

@@ -1,7 +1,7 @@
 """Explicit actuators of one law, computed in one go.
 
-    lots, apart = joined(group.actuators)     # after they were initialized
-    lots[0].apply(parts)                      # parts[i] is the command of actuator i
+    lots, apart = joined(group.actuators, columns)     # after they were initialized
+    lots[0].apply(cmd)                                 # of all joints; columns[i] are actuator i's
 
 A numpy call costs about the same for four joints as for twelve, so that hips and knees with motors
 of their own take twice the time of a robot whose motors are all alike. Where a law treats each
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.actuator import Actuator, Targets
-from walkerkit.actuators.command import ActuatorCmd
+from walkerkit.actuators.command import TARGETS, ActuatorCmd
 from walkerkit.actuators.delayed import WORDS, DelayedActuator
 from walkerkit.actuators.explicit import ExplicitActuator
 from walkerkit.actuators.laws.lag import DelayLine
@@ -28,28 +28,31 @@ from walkerkit.actuators.simulation import viewed
 FloatArray = NDArray[np.float64]
 
 
-def joined(actuators: Sequence[Actuator]) -> tuple[list[Joined], list[int]]:
+def joined(actuators: Sequence[Actuator], columns: Sequence[Any]) -> tuple[list[Joined], list[int]]:
     """Puts together what can be computed together.
 
     Args:
         actuators: of one robot, initialized.
+        columns: what indexes the joints of each in the robot's command.
 
     Returns:
         The lots, of two actuators or more, and the places of the actuators that are in none.
     """
-    lots: dict[type[Law], list[int]] = {}
+    alike: dict[type[Law], list[int]] = {}
     for i, actuator in enumerate(actuators):
         base = _base(actuator)
         if (
             isinstance(base, ExplicitActuator)
             and base.law.joinable
+            and base.takes.issuperset(TARGETS)
             and base.cfg.transmission == "joint"
         ):
-            lots.setdefault(type(base.law), []).append(i)
-    chosen = [lot for lot in lots.values() if len(lot) > 1]
+            alike.setdefault(type(base.law), []).append(i)
+    chosen = [lot for lot in alike.values() if len(lot) > 1]
     taken = {i for lot in chosen for i in lot}
     apart = [i for i in range(len(actuators)) if i not in taken]
-    return [Joined(actuators, lot) for lot in chosen], apart
+    lots = [Joined([actuators[i] for i in lot], [columns[i] for i in lot]) for lot in chosen]
+    return lots, apart
 
 
 class _Late:
@@ -69,12 +72,11 @@ class Joined:
 
     Args:
         actuators: of one robot, initialized.
-        places: of those that are joined.
+        asked: what indexes the joints of each in the robot's command.
     """
 
-    def __init__(self, actuators: Sequence[Actuator], places: Sequence[int]):
-        self._places = tuple(places)
-        self._actuators = tuple(actuators[i] for i in places)
+    def __init__(self, actuators: Sequence[Actuator], asked: Sequence[Any]):
+        self._actuators = tuple(actuators)
         bases = (_base(actuator) for actuator in self._actuators)
         self._bases = tuple(base for base in bases if isinstance(base, ExplicitActuator))
         simulation = self._bases[0].simulation
@@ -89,6 +91,7 @@ class Joined:
         self._columns: tuple[Any, ...] = tuple(
             (..., columns) if batch_shape else columns for columns in np.split(places_of_all, ends)
         )
+        self._asked = tuple(asked)
         model, joints = simulation.model, joints[order]
         self._q, self._q_at = viewed(simulation.state("qpos"), model.jnt_qposadr[joints])
         self._qd, self._qd_at = viewed(simulation.state("qvel"), model.jnt_dofadr[joints])
@@ -97,26 +100,38 @@ class Joined:
         if self._ctrl_at is None:
             self._ctrl_at = ...
         self._rows = tuple(np.zeros((3, *self._shape)))
+        lines = [
+            actuator.lines if isinstance(actuator, DelayedActuator) else {}
+            for actuator in actuators
+        ]
+        self._ways = tuple(
+            [
+                (own.get(word), (..., at) if batch_shape else at, columns)
+                for own, at, columns in zip(lines, asked, self._columns, strict=True)
+            ]
+            for word in WORDS
+        )
+        self._taken: dict[tuple[bool, ...], Targets] = {}
         self._given: Targets = None, None, None
         self._late: list[_Late] = []
         self._efforts: list[FloatArray] = [*np.zeros((2, *self._shape))]
-        self._parts: Sequence[ActuatorCmd] | None = None
+        self._cmd: ActuatorCmd | None = None
         self._outdated = True
         for base in self._bases:
             base.on_change = self._outdate
         self._law: Law = self._bases[0].law
         self._strength: FloatArray | None = None
 
-    def apply(self, parts: Sequence[ActuatorCmd]) -> None:
+    def apply(self, cmd: ActuatorCmd) -> None:
         """Computes the controls and writes them.
 
         Args:
-            parts: the commands of all actuators of the robot; the same object as long as they hold.
+            cmd: targets of all joints of the robot, of its shape.
         """
         if self._outdated:
             self._join()
-        if parts is not self._parts:
-            self._take(parts)
+        if cmd is not self._cmd:
+            self._take(cmd)
         if self._late:
             self._late = [late for late in self._late if not late.move()]
         q = self._q if self._q_at is None else self._q[self._q_at]
@@ -129,27 +144,34 @@ class Joined:
 
     def forget(self) -> None:
         """Looks at the next command even if it is the last one."""
-        self._parts = None
+        self._cmd = None
 
-    def _take(self, parts: Sequence[ActuatorCmd]) -> None:
-        """Checks new commands; what no delay keeps back holds until the next ones."""
-        self._parts = parts
+    def _take(self, cmd: ActuatorCmd) -> None:
+        """Takes a new command; what no delay keeps back holds until the next one."""
+        self._cmd = cmd
+        targets = cmd.position_target, cmd.velocity_target, cmd.effort_target
+        there = tuple([target is not None for target in targets])
+        given = self._taken.get(there)
+        if given is None:
+            # They take every target: whether they have what they need is all there is to check.
+            for actuator, at in zip(self._actuators, self._asked, strict=True):
+                actuator.checked(cmd.select(at))
+            position, velocity, effort = (
+                row if has else None for row, has in zip(self._rows, there, strict=True)
+            )
+            given = self._taken[there] = position, velocity, effort
+        self._given = given
         self._late = []
-        for i, actuator, columns in zip(self._places, self._actuators, self._columns, strict=True):
-            targets = actuator.checked(parts[i])
-            lines = actuator.lines if isinstance(actuator, DelayedActuator) else {}
-            for word, row, target in zip(WORDS, self._rows, targets, strict=True):
-                if target is None:
-                    continue
-                if word in lines:
-                    self._late.append(_Late(lines[word], target, row, columns))
+        for target, row, ways in zip(targets, self._rows, self._ways, strict=True):
+            if target is None:
+                continue
+            for line, at, columns in ways:
+                part = target[at]
+                if line is None:
+                    row[columns] = part
                 else:
-                    row[columns] = target
-        # Which targets there are is the same for all of them.
-        position, velocity, effort = (
-            None if target is None else row for row, target in zip(self._rows, targets, strict=True)
-        )
-        self._given = position, velocity, effort
+                    part.flags.writeable = False
+                    self._late.append(_Late(line, part, row, columns))
 
     def _outdate(self) -> None:
         self._outdated = True
@@ -157,6 +179,7 @@ class Joined:
     def _join(self) -> None:
         """One law with the numbers of all, and the efforts of all in one."""
         self._outdated = False
+        self._taken.clear()
         for base, columns in zip(self._bases, self._columns, strict=True):
             base.share(self._efforts, columns)
         names = self._bases[0].law.names

@@ -73,7 +73,11 @@ class BoundTerm:
 
     def targets(self, action: FloatArray) -> FloatArray:
         """The targets that an action in [-1, 1] asks for, (n,)."""
-        return np.clip(self.offset + self.scale * action, self.low, self.high)
+        targets = self.scale * action
+        targets += self.offset
+        # A fraction of what np.clip takes, which counts at every control step.
+        np.maximum(targets, self.low, out=targets)
+        return np.minimum(targets, self.high, out=targets)
 
     def action(self, targets: FloatArray) -> FloatArray:
         """The action that asks for these targets, (n,); zero where none makes a difference."""
@@ -326,18 +330,21 @@ class Commander:
         Raises:
             ValueError: it has another shape, or is not finite.
         """
-        values = checked_action(action, self.names, batch_shape)
-        np.clip(values, -1.0, 1.0, out=values)
+        return self.asked(checked_action(action, self.names, batch_shape), batch_shape)
+
+    def asked(self, values: FloatArray, batch_shape: tuple[int, ...] = ()) -> ActuatorCmd:
+        """As `command`, of an action that `checked_action` has made, which is left as it is."""
+        within = np.maximum(values, -1.0)
+        np.minimum(within, 1.0, out=within)
         targets = self._at_rest(batch_shape)
         first = 0
         for term in self._terms:
             last = first + len(term.names)
-            moved = term.targets(values[..., first:last])
             # A vector is indexed by the columns alone, which takes a ninth of the time.
             at = (..., term.columns) if batch_shape else term.columns
-            targets[term.target][at] = moved
+            targets[term.target][at] = term.targets(within[..., first:last])
             first = last
-        return ActuatorCmd(**targets)
+        return ActuatorCmd.of_finite(**targets)
 
     def _at_rest(self, batch_shape: tuple[int, ...]) -> dict[str, FloatArray]:
         if not batch_shape:

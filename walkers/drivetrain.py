@@ -197,7 +197,7 @@ class Drivetrain:
             raise RuntimeError("call initialize(physics) after the model was compiled, then act")
         values = checked_action(action, self._names, self._batch_shape)
         n = self._commander.size
-        self.command = self._commander.command(values[..., :n], self._batch_shape)
+        self.command = self._commander.asked(values[..., :n], self._batch_shape)
         if self.kept:
             low, high = self._kept_ranges.T
             self._ctrl[..., self._kept_at] = np.clip(values[..., n:], low, high)

@@ -232,3 +232,13 @@ def test_again_after_another_compilation():
     group.reset()
     group.apply(cmd)
     np.testing.assert_array_equal(other.data.ctrl, before)
+
+
+def test_what_a_lot_needs_is_asked_of_every_command():
+    group, _ = started(ROBOTS["two"])
+    everything = {f"{word}_target": np.zeros(N) for word in ("position", "velocity", "effort")}
+    group.apply(ActuatorCmd(**everything))
+    del everything["position_target"]
+    for _ in range(2):
+        with pytest.raises(ValueError, match=r"'0_1'.* needs a position_target"):
+            group.apply(ActuatorCmd(**everything))

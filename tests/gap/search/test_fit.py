@@ -306,18 +306,26 @@ class TestObjective:
             time=time,
             columns={"hip/position": np.array(position), "hip/position_target": target},
         )
-        one = objective(robot, [recording], floor=1e-6)
-        finer = [
-            objective(robot.refined(4, other_integrator=other), [recording], floor=1e-6)
-            for other in (False, True)
-        ]
         case = Case(structure=Structure((), (robot,)), values=np.zeros((1, 0)))
-        raw = np.sqrt(one.mean_squares([case])[0][0, 0])
-        one.refine(finer, case)
-        left = np.sqrt(one.mean_squares([case])[0][0, 0])
-        assert one.numerical.shape == (2, 500, 1)
+        made = [
+            {"factor": 2},
+            {"factor": 2, "other_integrator": True},
+            {"factor": 4},
+        ]
+
+        def taken_out(floor: float) -> tuple[int, float]:
+            one = objective(robot, [recording], floor=floor)
+            finer = [objective(robot.refined(**each), [recording], floor=floor) for each in made]
+            one.refine(finer, case)
+            return len(one.numerical), np.sqrt(one.mean_squares([case])[0][0, 0])
+
+        raw = np.sqrt(objective(robot, [recording], floor=1e-6).mean_squares([case])[0][0, 0])
         assert raw > 2e-4
-        assert left < 0.25 * raw
+        two, left_by_two = taken_out(raw)
+        three, left_by_three = taken_out(1e-6)
+        assert (two, three) == (2, 3)
+        assert left_by_two < 0.25 * raw
+        assert left_by_three < 0.5 * left_by_two
 
     @pytest.mark.parametrize("factor", [1.5, -1.5], ids=["free", "at its bound"])
     def test_linearised_is_the_slope_of_the_residuals(self, factor):
