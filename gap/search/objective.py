@@ -28,9 +28,7 @@ _Float = TypeVar("_Float", np.float32, np.float64)
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
 _FACTORS = ((0.0, 3.0), (-2.0, 2.0), (0.0, 3.0))  # finer timestep; other integrator; finer still
 _REMEMBERED = 4  # values at which the numerical error is known
-_COARSE = (
-    6  # times the floor; what a finer timestep changes by more, a still finer one tells better
-)
+_COARSE = 6  # times the floor; changes by more, of a finer timestep, a still finer one tells better
 _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
 _SWEEPS = 30
 _LEAST_FLOOR = 1e-9  # of logs without any noise
