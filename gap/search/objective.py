@@ -26,7 +26,8 @@ FloatArray = NDArray[np.float64]
 _Float = TypeVar("_Float", np.float32, np.float64)
 
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
-_FACTORS = ((0.0, 3.0), (-2.0, 2.0), (0.0, 3.0))  # finer timestep; other integrator; finer still
+_FACTORS = ((0.0, 3.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
+_FACTORS_OF_TWO = ((0.0, 1.25), (-2.0, 2.0), (0.0, 2.5))  # and of one still finer
 _REMEMBERED = 4  # values at which the numerical error is known
 _COARSE = 6  # times the floor; changes by more, of a finer timestep, a still finer one tells better
 _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
@@ -180,7 +181,8 @@ class Objective:
 
     def numerical_bounds(self) -> FloatArray:
         """(k, 2) between which the factors of the numerical changes lie."""
-        return np.array(_FACTORS[: len(self.numerical)]).reshape(-1, 2)
+        every = _FACTORS if len(self.numerical) <= len(_FACTORS) else _FACTORS_OF_TWO
+        return np.array(every[: len(self.numerical)]).reshape(-1, 2)
 
     def as_it_is(self, cases: Sequence[Case]) -> list[FloatArray]:
         """As `mean_squares`, with the numerical error in them."""
@@ -212,7 +214,7 @@ class Objective:
         at = residual[None].copy()
         weights = self._numerical_weights(at)[0]
         (factors,) = self._take_out_numerical_error(at)
-        low, high = np.array(_FACTORS[: len(factors)]).reshape(-1, 2).T
+        low, high = self.numerical_bounds().T
         free = self.numerical[(low < factors) & (factors < high)]
         if not len(free):
             return at[0], changes
@@ -258,7 +260,7 @@ class Objective:
         along = np.einsum(
             "tc,itc->ti", weights, np.einsum("irc,trc->itc", self.numerical, residual)
         )
-        factors = _bounded_least_squares(size, -along)
+        factors = _bounded_least_squares(size, -along, self.numerical_bounds())
         for factor, change in zip(factors.T, self.numerical, strict=True):
             residual += factor[:, None, None] * change
         return factors
@@ -343,13 +345,15 @@ def _side_by_side(objectives: Sequence[Objective], cases: Sequence[Case]) -> lis
     return [one._less_measured([next(predicted) for _ in one.replays]) for one in objectives]
 
 
-def _bounded_least_squares(matrix: FloatArray, target: FloatArray) -> FloatArray:
-    """Minimises ½ xᵀAx − bᵀx within `_FACTORS`, (t, k, k) and (t, k) → (t, k), by coordinates."""
+def _bounded_least_squares(
+    matrix: FloatArray, target: FloatArray, bounds: FloatArray
+) -> FloatArray:
+    """Minimises ½ xᵀAx − bᵀx within bounds, (t, k, k), (t, k) and (k, 2) → (t, k)."""
     x = np.zeros_like(target)
     # A trial that diverged has no weights; it stays at zero.
     matrix, target = np.nan_to_num(matrix), np.nan_to_num(target)
     for _ in range(_SWEEPS):
-        for i, (low, high) in enumerate(_FACTORS[: x.shape[1]]):
+        for i, (low, high) in enumerate(bounds):
             diagonal = matrix[:, i, i]
             rest = target[:, i] - np.einsum("tj,tj->t", matrix[:, i], x) + diagonal * x[:, i]
             x[:, i] = np.clip(rest / np.where(diagonal > 0, diagonal, 1.0), low, high)
