@@ -1,7 +1,9 @@
 """Contests: a named effect against those that could be in its place.
 
 Each is in the company of all other named effects. A better one takes its place, those as good are
-its confusion set.
+its confusion set. What every model has a little wrong (damping, dry friction, armature) is always
+among the rivals, each by itself and all together: it is the usual cause, and a rarer effect has to
+be worth more than that.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Term, carried
 from walkerkit.gap.search.trying import Tries
-from walkerkit.gap.search.worth import close_to, tied, worth_it
+from walkerkit.gap.search.worth import close_to, worth_it
 
 _REFITS = 4
 _MOST_RIVALS = 5
@@ -33,45 +35,52 @@ class Contest:
         fits: that with the named effect, its term last, and those with a rival instead.
         evidence: of the fits, and last of the others alone.
         close: indices of rivals that explain as much.
-        better: a rival that explains more, or None.
+        better: fits with another effect or several in its place that are to be named rather, best
+            first.
     """
 
     fits: tuple[Fit, ...]
     evidence: Evidence
     close: tuple[int, ...]
-    better: Fit | None
+    better: tuple[Fit, ...]
 
 
 def contest(problem: Problem, tries: Tries, current: Fit, term: Term) -> Contest:
     """Compares an effect with those that could be in its place."""
-    objective = problem.fit.objective
+    objective, channels = problem.fit.objective, len(problem.channels)
     others = current.structure.without_term(term)
     (alone,) = refit(problem, current, [others])
     rivals = _rivals(tries, alone, term.effect) if term.effect.fitted else []
+    together = _ordinary_together(tries, alone, term.effect)
     problem.refine(current)
     mine = others.with_term(term)
     starts = [(mine, carried(current.values, current.structure, mine))]
-    own, *fits = evaluate(objective, [*starts, *((one.structure, one.values) for one in rivals)])
+    starts += [(one.structure, one.values) for one in (*rivals, *together)]
+    own, *fits = evaluate(objective, starts)
     # Those that come near get what the named one has had: a fit to all recordings.
-    near = [
-        k for k, one in enumerate(fits) if len(problem.channels) * (one.score - own.score) < _NEAR
-    ]
+    near = [k for k, one in enumerate(fits) if channels * (one.score - own.score) < _NEAR]
     slopes = linearised(objective, own) if near else None
     for k in near:
         fits[k] = polished(objective, fits[k], slopes, iterations=_REFITS, certain=False)
     evidence = weigh(problem, [own, *fits, alone])
-    compared = evidence.some(range(len(fits) + 1))
+    places = range(len(rivals) + 1)
+    compared = evidence.some(places)
     better = [
         k
-        for k, one in enumerate(fits, start=1)
-        if _is_better(problem, compared, k, size_of(one) > size_of(own))
-        or (_more_ordinary(one, own) and tied(compared, len(problem.channels), k))
+        for k in places[1:]
+        if _is_better(
+            problem, compared, k, size_of(fits[k - 1]) > size_of(own) or plainer(own, fits[k - 1])
+        )
+        or (plainer(fits[k - 1], own) and not worth_it(problem, compared, 0, base=k))
     ]
+    if together and evidence.both[len(fits)] < evidence.both[0]:
+        better.append(len(fits))
+    better.sort(key=lambda k: evidence.both[k])
     return Contest(
-        fits=(own, *fits),
-        evidence=evidence,
-        close=tuple(close_to(compared, len(problem.channels))),
-        better=fits[min(better, key=lambda k: compared.both[k]) - 1] if better else None,
+        fits=(own, *fits[: len(rivals)]),
+        evidence=evidence.some([*places, len(fits) + 1]),
+        close=tuple(close_to(compared, channels)),
+        better=tuple(fits[k - 1] for k in better),
     )
 
 
@@ -82,15 +91,27 @@ def size_of(one: Fit) -> tuple[int, int]:
 
 
 def _rivals(tries: Tries, alone: Fit, effect: Effect) -> list[Fit]:
-    """The best effects in place of one, on top of the others; few generalisations of it."""
+    """The best effects in place of one, on top of the others; few generalisations of it.
+
+    Those that are plainer are among them in any case.
+    """
     tried = tries.on_top_of(alone, None, tries.like(alone.structure, effect))
     singles = [
-        i
+        tried.fits[i]
         for i in np.argsort(tried.evidence.both, kind="stable").tolist()
         if len(tried.fits[i].structure.terms) == len(alone.structure.terms) + 1
-        and _is_rival(tried.fits[i].structure.terms[-1].effect, effect)
     ]
-    return [tried.fits[i] for i in singles[:_MOST_RIVALS]]
+    rivals = [one for one in singles if _is_rival(_last(one), effect)][:_MOST_RIVALS]
+    met = {_last(one).name for one in rivals}
+    plainer = [one for one in tries.effects if _is_plainer(one, effect) and one.name not in met]
+    return rivals + tries.each_on_top_of(alone, plainer)
+
+
+def _ordinary_together(tries: Tries, alone: Fit, effect: Effect) -> list[Fit]:
+    """All that every model has a little wrong in place of an effect that is rarer, if any."""
+    if effect.ordinary or not effect.fitted:
+        return []
+    return tries.together_on_top_of(alone, [one for one in tries.effects if one.ordinary])
 
 
 def _is_better(problem: Problem, compared: Evidence, k: int, larger: bool) -> bool:
@@ -106,6 +127,15 @@ def _is_rival(other: Effect, effect: Effect) -> bool:
     return other is not effect and not only_larger
 
 
-def _more_ordinary(one: Fit, other: Fit) -> bool:
-    """Whether the last effect of a fit is one that every model has a little wrong."""
-    return one.structure.terms[-1].effect.ordinary and not other.structure.terms[-1].effect.ordinary
+def _is_plainer(one: Effect, other: Effect) -> bool:
+    more_ordinary = one.ordinary and not other.ordinary
+    return more_ordinary or (one.name in other.extends and one.name not in other.usually)
+
+
+def plainer(one: Fit, other: Fit) -> bool:
+    """Whether the last effect of a fit is to be named before another that explains as much."""
+    return _is_plainer(_last(one), _last(other))
+
+
+def _last(one: Fit) -> Effect:
+    return one.structure.terms[-1].effect

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from walkerkit.gap.effects import Effect
-from walkerkit.gap.search.contest import Contest, contest, size_of
+from walkerkit.gap.search.contest import Contest, contest, plainer, size_of
 from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import Progress, evaluate
 from walkerkit.gap.search.keeping import finalist, kept, over_whole, settled
@@ -172,14 +172,21 @@ def _exchanged(
 ) -> tuple[Fit, Evidence] | None:
     """A fit with a better effect in another's place, or None where none holds.
 
-    It was found better by the numerical error of the other; by its own it may be worse, and the
-    other would be found better again.
+    It was found better by the numerical error of the other, and before what it does not need was
+    dropped; by its own it may be worse, and the other would be found better again.
     """
-    for better in (one.better for one in contests if one.better is not None):
-        found, own = settled(problem, kept(problem, better, [better.structure.terms[-1].effect]))
-        both = Evidence.joined([base, own])
-        if both.both[1] < both.both[0] or tied(both, len(problem.channels), 1):
-            return found, own
+    for one in contests:
+        own = one.fits[0]
+        for better in one.better:
+            added = [t.effect for t in better.structure.terms if t not in own.structure.terms]
+            found, evidence = settled(problem, kept(problem, better, added))
+            both = Evidence.joined([base, evidence])
+            if (
+                both.both[1] < both.both[0]
+                or tied(both, len(problem.channels), 1)
+                or (plainer(better, own) and not worth_it(problem, both, 0, base=1))
+            ):
+                return found, evidence
     return None
 
 

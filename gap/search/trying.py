@@ -19,7 +19,9 @@ from walkerkit.gap.search.evidence import Evidence, weigh
 from walkerkit.gap.search.fit import Progress, best_of, evaluate, fit
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.keeping import at_floor
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.signatures import View, look
 from walkerkit.gap.search.slopes import slopes_to_carry
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms, carried
@@ -56,13 +58,16 @@ class Tries:
         problem: what is to be explained.
         effects: the catalogue.
         progress: called now and then.
+
+    Attributes:
+        effects: the catalogue.
     """
 
     def __init__(
         self, problem: Problem, effects: Sequence[Effect], progress: Progress | None
     ) -> None:
         self._problem = problem
-        self._effects = effects
+        self.effects = tuple(effects)
         self._progress = progress
         self._tried: dict[tuple[_Key, frozenset[str] | None], Tried] = {}
         self._promised: dict[_Key, dict[str, float]] = {}  # in the order in which they were seen
@@ -90,9 +95,8 @@ class Tries:
             problem.refine(current)
             base = weigh(problem, [current])
         none = Tried(fits=(), evidence=base.some([]))
-        terms = self._terms(current.structure)
-        if only is not None:
-            terms = [term for term in terms if term.effect.name in only]
+        looked_at = [one for one in self.effects if only is None or one.name in only]
+        terms = self.terms(current.structure, looked_at)
         if not terms or at_floor(problem, current, base) or count >= MOST_EFFECTS:
             self._tried[key] = none
             return none
@@ -124,6 +128,31 @@ class Tries:
         self._tried[key] = Tried(fits=tuple(tried), evidence=weigh(problem, tried))
         return self._tried[key]
 
+    def each_on_top_of(self, current: Fit, effects: Sequence[Effect]) -> list[Fit]:
+        """Each of some effects fitted on top of a fit, whatever it promises."""
+        terms = self.terms(current.structure, effects)
+        if not terms:
+            return []
+        race = self._race(current)
+        (own,) = evaluate(race, [(current.structure, current.values)])
+        return fit(race, screen(race, own, terms))
+
+    def together_on_top_of(self, current: Fit, effects: Sequence[Effect]) -> list[Fit]:
+        """Some effects fitted on top of a fit all at once; nothing where they are not several."""
+        terms = self.terms(current.structure, effects)
+        if len(terms) < 2:
+            return []
+        structure = current.structure
+        for term in terms:
+            structure = structure.with_term(term)
+        start = carried(current.values, current.structure, structure)
+        race = self._race(current)
+        return fit(race, evaluate(race, [(structure, start)]))
+
+    def _race(self, current: Fit) -> Objective:
+        self._problem.race.refine(current)
+        return self._problem.race.objective
+
     def like(self, others: Structure, effect: Effect) -> frozenset[str] | None:
         """Effects that promised enough, when last seen without this one, to stand in for it."""
         best: dict[str, float] = {}
@@ -148,7 +177,7 @@ class Tries:
 
     def _start(self, current: Fit, added: Any, values: Any) -> tuple[Structure, FloatArray]:
         """A start as a journal has it."""
-        effects = {effect.name: effect for effect in self._effects}
+        effects = {effect.name: effect for effect in self.effects}
         structure = current.structure
         for name, sites, shared in added:
             term = Term(effect=effects[name], sites=tuple(sites), shared=shared)
@@ -231,11 +260,11 @@ class Tries:
             cases.append(Case(structure=structure, values=np.array(rows)))
         return _worth_a_race(view, current, best_of(self._problem.screen.objective, cases))
 
-    def _terms(self, structure: Structure) -> list[Term]:
-        """Every effect where it could be added: those present only at places without them."""
+    def terms(self, structure: Structure, effects: Sequence[Effect]) -> list[Term]:
+        """Effects where they could be added: those present only at places without them."""
         present = {term.effect.name: term for term in structure.terms}
         found = []
-        for term in candidate_terms(self._effects, self._problem.robots, self._problem.joints):
+        for term in candidate_terms(effects, self._problem.robots, self._problem.joints):
             known = present.get(term.effect.name)
             if not term.effect.fitted:
                 continue
