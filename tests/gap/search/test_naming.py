@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,11 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search import keeping, trying
+from walkerkit.gap.search.contest import contest
+from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.trying import Tries
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY
 
@@ -46,6 +50,9 @@ PLAIN = (
     *("base_tilt", "backlash", "timestep"),
 )
 
+Q_ONLY = ("position_target", "position")
+EVERYTHING = (*Q_ONLY, "velocity", "effort")
+
 Make = Callable[..., Problem]
 
 
@@ -55,8 +62,8 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Make:
     model = tmp_path_factory.mktemp("leg") / "leg.xml"
     model.write_text(LEG)
 
-    def make(*hidden: HiddenEffect) -> Problem:
-        return problem_of(model, hidden)
+    def make(*hidden: HiddenEffect, signals: Sequence[str] = EVERYTHING) -> Problem:
+        return problem_of(model, hidden, signals)
 
     return make
 
@@ -64,10 +71,21 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Make:
 RECORDED: dict[str, list[Recording]] = {}
 
 
-def problem_of(model: Path, hidden: Sequence[HiddenEffect]) -> Problem:
+def problem_of(model: Path, hidden: Sequence[HiddenEffect], signals: Sequence[str]) -> Problem:
     if str(hidden) not in RECORDED:
         RECORDED[str(hidden)] = recorded(model, hidden)
-    experiments = load_experiments(model, RECORDED[str(hidden)])
+    logged = [
+        replace(
+            one,
+            columns={
+                name: column
+                for name, column in one.columns.items()
+                if name.split("/")[1] in signals
+            },
+        )
+        for one in RECORDED[str(hidden)]
+    ]
+    experiments = load_experiments(model, logged)
     return prepare(experiments, window=0.5, n_threads=1).problem("zero_order")
 
 
@@ -205,6 +223,46 @@ def test_a_gear_that_loses_by_its_load_may_lose_by_its_direction(problem: Make) 
     assert set(found(rounds)) == {"load_dependent_friction"}
     close = [one.term.effect.name for one in rounds[0].candidates if one.close]
     assert close == ["directional_efficiency"]
+
+
+def test_the_usual_cause_of_two_that_are_alike_is_named(problem: Make) -> None:
+    leg = problem(hide("viscous_friction", "knee", damping=0.1), signals=Q_ONLY)
+    both = [CATALOGUE["velocity_gain"], CATALOGUE["viscous_friction"]]
+    rare, usual = both
+    (nothing,) = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
+    # However little the usual one promised.
+    tries = Tries(leg, both, None)
+    (gain,) = tries.each_on_top_of(nothing, [rare])
+    tries.like = lambda others, effect: frozenset({rare.name})  # type: ignore[method-assign]
+    met = contest(leg, tries, gain, gain.structure.terms[0])
+    assert [one.structure.terms[-1].effect for one in met.fits] == [rare, usual]
+    assert [one.structure.terms[-1].effect for one in met.better] == [usual]
+    # And never the other way round.
+    (damping,) = tries.each_on_top_of(nothing, [usual])
+    assert contest(leg, Tries(leg, both, None), damping, damping.structure.terms[0]).better == ()
+
+
+def test_a_plainer_effect_is_named_where_a_wider_one_is_no_better(problem: Make) -> None:
+    leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
+    effects = [CATALOGUE["coulomb_friction"], CATALOGUE["stribeck_friction"]]
+    (nothing,) = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
+    tries = Tries(leg, effects, None)
+    (wide,) = tries.each_on_top_of(nothing, effects[1:])
+    met = contest(leg, tries, wide, wide.structure.terms[0])
+    assert met.better[0].structure.terms[0].effect is effects[0]
+
+
+def test_many_numbers_that_are_a_little_wrong_are_no_rarer_effect(problem: Make) -> None:
+    hidden = (
+        hide("viscous_friction", "*", damping=0.02),
+        hide("armature", "*", armature=0.001),
+        hide("coulomb_friction", "*", frictionloss=0.01),
+    )
+    usual = ("viscous_friction", "armature", "coulomb_friction")
+    rare = ("velocity_gain", "command_delay", "sensor_delay", "quadratic_drag", "position_gain")
+    named = found(search(problem(*hidden, signals=Q_ONLY), *rare, *usual))
+    assert named
+    assert set(named) <= set(usual)
 
 
 def test_an_effect_that_stood_in_for_others_leaves_again(problem: Make) -> None:
