@@ -161,10 +161,14 @@ def _grown(
         return None
     added = fits[winner].structure.terms[len(current.structure.terms) :]
     found = kept(problem, fits[winner], [term.effect for term in added])
-    if tries.known(found.structure):  # what was added does not hold
-        problem.refine(current)
-        return None
-    return settled(problem, found)
+    if not tries.known(found.structure):
+        found, own = settled(problem, found)
+        effects = len(found.structure.terms)
+        if worth_it(problem, Evidence.joined([base, own]), 1, effects=effects):
+            return found, own
+    # What was added does not hold, or not where it is needed.
+    problem.refine(current)
+    return None
 
 
 def _exchanged(

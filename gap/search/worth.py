@@ -31,6 +31,8 @@ def worth_it(
 ) -> bool:
     """Whether fit `k` improves on fit `base` by more than chance and by what matters.
 
+    What is as close to it as the members of a confusion set are to each other does not.
+
     Args:
         problem: what is to be explained.
         evidence: what recordings say of the fits.
@@ -42,12 +44,13 @@ def worth_it(
     gain = evidence.held[base] - evidence.held[k]
     more = 1 + _MORE_EACH * (effects - 1)
     large = gain >= more * _MARGIN or (gain > 0 and max(of_joint) >= more * _MARGIN_OF_JOINT)
+    other = len(problem.channels) * (evidence.both[base] - evidence.both[k]) >= _CLOSE
     by_chance = np.mean(evidence.held_resampled[:, base] <= evidence.held_resampled[:, k])
     explained = np.sqrt(np.maximum(evidence.mean_square[base] - evidence.mean_square[k], 0))
     least = _OVER_NOISE * problem.noise
     least = np.maximum(least, _OVER_NUMERICAL * problem.held.objective.numerical_size())
     most = _CHANCE_OF_LARGE if gain >= more * _LARGE else _CHANCE
-    return bool(large and by_chance < most and (explained > least).any())
+    return bool(large and other and by_chance < most and (explained > least).any())
 
 
 def one_sided(problem: Problem, evidence: Evidence) -> bool:

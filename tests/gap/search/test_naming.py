@@ -71,7 +71,9 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Make:
 RECORDED: dict[str, list[Recording]] = {}
 
 
-def problem_of(model: Path, hidden: Sequence[HiddenEffect], signals: Sequence[str]) -> Problem:
+def problem_of(
+    model: Path, hidden: Sequence[HiddenEffect], signals: Sequence[str] = EVERYTHING
+) -> Problem:
     if str(hidden) not in RECORDED:
         RECORDED[str(hidden)] = recorded(model, hidden)
     logged = [
