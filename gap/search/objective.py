@@ -27,7 +27,7 @@ _Float = TypeVar("_Float", np.float32, np.float64)
 
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
 _FACTORS = ((0.0, 3.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
-_FACTORS_OF_TWO = ((0.0, 1.5), (-2.0, 2.0), (0.0, 3.0))  # and of one still finer
+_FACTORS_OF_TWO = ((0.0, 2.0), (-2.0, 2.0), (0.0, 2.5))  # and of one still finer
 _REMEMBERED = 4  # values at which the numerical error is known
 _COARSE = 6  # times the floor; changes by more, of a finer timestep, a still finer one tells better
 _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
