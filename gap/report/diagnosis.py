@@ -49,6 +49,8 @@ class Gap:
         horizon: seconds after which replays restart from the measured state, or None for whole
             rollouts.
         numerical_floor: what the simulation's own timestep leaves, in the unit of `position`.
+        finer_position: over all joints at a quarter of the timestep, where that matters more than
+            the noise; its noise floor has what even this timestep leaves.
         held_out: whether it was measured on recordings that no fit has seen.
         joints: joint to its position gap.
         signals: signal to its gap over all joints.
@@ -57,6 +59,7 @@ class Gap:
     position: GapSize
     horizon: float | None
     numerical_floor: float
+    finer_position: GapSize | None
     held_out: bool
     joints: Mapping[str, GapSize]
     signals: Mapping[str, GapSize]

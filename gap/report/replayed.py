@@ -7,7 +7,7 @@ gap = gap_of(problem, replayed, replayed)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,10 +103,21 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
 
     positions = [c for c in channels if c.signal == "position"]
     signals = dict.fromkeys(c.quantity for c in channels)
+    position, finer = size(positions), _finer(problem, after)
+    numerical_floor = _changed(after, finer)
+    finer_position = None
+    if numerical_floor > position.noise_floor:
+        finer_position = replace(
+            position,
+            before=_finer(problem, before).rms(positions),
+            after=finer.rms(positions),
+            noise_floor=float(np.hypot(position.noise_floor, numerical_floor / (_QUARTER - 1))),
+        )
     return Gap(
-        position=size(positions),
+        position=position,
         horizon=problem.window,
-        numerical_floor=_numerical_floor(problem, after),
+        numerical_floor=numerical_floor,
+        finer_position=finer_position,
         held_out=True,
         joints={c.joint: size([c]) for c in positions},
         signals={name: size([c for c in channels if c.quantity == name]) for name in signals},
@@ -217,18 +228,22 @@ def unit_of(problem: Problem, channels: Sequence[Channel]) -> str:
     return " and ".join(channels[0].unit(slide=slide) for slide in sorted(slides))
 
 
-def _numerical_floor(problem: Problem, after: Replayed) -> float:
-    """Root-mean-square change of the held-out positions at a quarter of the timestep."""
-    fine = [
+def _finer(problem: Problem, replayed: Replayed) -> Replayed:
+    """The same replays at a quarter of the timestep."""
+    fine = tuple(
         Replay(r.robot.refined(_QUARTER), r.segments, r.channels, hold=problem.hold)
-        for r in after.replays
-    ]
-    finer = as_they_are(fine, problem.n_threads)
+        for r in replayed.replays
+    )
+    return Replayed(replays=fine, predicted=tuple(as_they_are(fine, problem.n_threads)))
+
+
+def _changed(coarse: Replayed, finer: Replayed) -> float:
+    """Root-mean-square change of the positions from one timestep to another."""
     squares, count = 0.0, 0
-    for replay, coarse, other in zip(after.replays, after.predicted, finer, strict=True):
+    for replay, one, other in zip(coarse.replays, coarse.predicted, finer.predicted, strict=True):
         columns = [c for c, channel in enumerate(replay.channels) if channel.signal == "position"]
         known = np.isfinite(replay.measured[:, columns])
-        change = np.where(known, other[:, columns] - coarse[:, columns], 0.0)
+        change = np.where(known, other[:, columns] - one[:, columns], 0.0)
         squares += float(np.square(change).sum())
         count += int(known.sum())
     return float(np.sqrt(squares / count))

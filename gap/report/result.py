@@ -217,10 +217,17 @@ def summarise(
 
 
 def _verdict(gap: Gap, named: bool) -> Verdict:
-    floor = np.hypot(gap.position.noise_floor, gap.numerical_floor)
+    """The verdict on a gap, or on that at a finer timestep where the model's own leaves more."""
+    at_floor = gap.position.after <= _AT_FLOOR * _floor(gap)
+    if gap.finer_position is not None:
+        at_floor |= gap.finer_position.after <= _AT_FLOOR * gap.finer_position.noise_floor
     if named:
-        return "explained" if gap.position.after <= _AT_FLOOR * floor else "partly_explained"
-    return "no_gap" if gap.position.before <= _AT_FLOOR * floor else "unexplained"
+        return "explained" if at_floor else "partly_explained"
+    return "no_gap" if at_floor else "unexplained"
+
+
+def _floor(gap: Gap) -> float:
+    return float(np.hypot(gap.position.noise_floor, gap.numerical_floor))
 
 
 def _most_confidence(gap: Gap) -> float:
@@ -229,7 +236,7 @@ def _most_confidence(gap: Gap) -> float:
     The more of the gap is closed, as a ratio, the less room is left for another explanation.
     """
     position = gap.position
-    floor = float(np.hypot(position.noise_floor, gap.numerical_floor))
+    floor = _floor(gap)
     whole = np.log(max(position.before / floor, 1.0 + 1e-9))
     closed = np.clip(np.log(position.before / position.after) / whole, 0.0, 1.0)
     return float(_LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * closed)

@@ -157,6 +157,12 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{quantity(size.before, size.unit)}, where {noise}"
             f"{f'. It stands out most at {where}' if where else ''}."
         )
+    finer = diagnosis.gap.finer_position
+    if finer is not None and _shrinks(finer) and not _shrinks(diagnosis.gap.position):
+        # The timestep's error hides at its own size what was mended.
+        error = "at a quarter of the simulation's timestep the position error"
+        before, after = span((finer.before, finer.after), finer.unit)
+        noise = _floors(diagnosis.gap, "position", diagnosis.gap.position)
     complete = diagnosis.verdict == "explained"
     left = "" if complete or not diagnosis.remaining else spot(diagnosis.remaining[0])
     return (
@@ -192,6 +198,10 @@ def telling(gap: Gap) -> tuple[str, GapSize]:
     best = min(ratios, key=lambda name: ratios[name], default="position")
     hidden = ratios.get("position", 1.0) > _SHRUNK and ratios.get(best, 1.0) <= _SHRUNK
     return (best, gap.signals[best]) if hidden else ("position", gap.position)
+
+
+def _shrinks(size: GapSize) -> bool:
+    return size.after <= _SHRUNK * size.before
 
 
 def basis(gap: Gap) -> str:

@@ -35,14 +35,28 @@ class Contest:
         fits: that with the named effect, its term last, and those with a rival instead.
         evidence: of the fits, and last of the others alone.
         close: indices of rivals that explain as much.
-        better: fits with another effect or several in its place that are to be named rather, best
-            first.
+        better: fits with another effect or several in its place that are to be named rather.
     """
 
     fits: tuple[Fit, ...]
     evidence: Evidence
     close: tuple[int, ...]
-    better: tuple[Fit, ...]
+    better: tuple[Better, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Better:
+    """A fit that is to be named rather than another.
+
+    Attributes:
+        fit: the fit.
+        than: the other.
+        score: the mean of its scores on what is fitted and what is held out.
+    """
+
+    fit: Fit
+    than: Fit
+    score: float
 
 
 def contest(problem: Problem, tries: Tries, current: Fit, term: Term) -> Contest:
@@ -75,12 +89,13 @@ def contest(problem: Problem, tries: Tries, current: Fit, term: Term) -> Contest
     ]
     if together and evidence.both[len(fits)] < evidence.both[0]:
         better.append(len(fits))
-    better.sort(key=lambda k: evidence.both[k])
     return Contest(
         fits=(own, *fits[: len(rivals)]),
         evidence=evidence.some([*places, len(fits) + 1]),
         close=tuple(close_to(compared, channels)),
-        better=tuple(fits[k - 1] for k in better),
+        better=tuple(
+            Better(fit=fits[k - 1], than=own, score=float(evidence.both[k])) for k in better
+        ),
     )
 
 

@@ -7,7 +7,7 @@ out count the same.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -77,9 +77,18 @@ class Evidence:
 
 def weigh(problem: Problem, fits: Sequence[Fit]) -> Evidence:
     """Simulates the fits on all recordings and resamples their scores."""
+    return _finished(fits, lambda: _weigh(problem.fit.objective, problem.held.objective, fits))
+
+
+def weigh_as_told(problem: Problem, fits: Sequence[Fit]) -> Evidence:
+    """As `weigh`, of what is held out alone, over the horizon that the gap is told of."""
+    return _finished(fits, lambda: _weigh(problem.told, problem.told, fits))
+
+
+def _finished(fits: Sequence[Fit], make: Callable[[], Evidence]) -> Evidence:
     return finished(
         digest(*(part for f in fits for part in (repr(f.structure.key), f.values))),
-        lambda: _weigh(problem, fits),
+        make,
         lambda evidence: packed([getattr(evidence, field.name) for field in fields(Evidence)]),
         _evidence,
     )
@@ -90,9 +99,9 @@ def _evidence(content: Any) -> Evidence:
     return Evidence(**dict(zip(names, unpacked(content), strict=True)))
 
 
-def _weigh(problem: Problem, fits: Sequence[Fit]) -> Evidence:
-    held, held_resampled, mean_square = _scores(problem.held.objective, fits)
-    fitted, fitted_resampled, fitted_mean_square = _scores(problem.fit.objective, fits)
+def _weigh(fit: Objective, held_out: Objective, fits: Sequence[Fit]) -> Evidence:
+    held, held_resampled, mean_square = scores = _scores(held_out, fits)
+    fitted, fitted_resampled, fitted_mean_square = scores if fit is held_out else _scores(fit, fits)
     return Evidence(
         mean_square=mean_square,
         fitted_mean_square=fitted_mean_square,

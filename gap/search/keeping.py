@@ -21,7 +21,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, carried, merged
-from walkerkit.gap.search.worth import worth_it
+from walkerkit.gap.search.worth import much_is_lost, worth_it
 
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
 _BLURRED = 1.4  # as far as numerical errors raise that noise, at most
@@ -118,8 +118,9 @@ def _without_the_needless(problem: Problem, current: Fit) -> Fit:
             continue
         slopes = slopes or linearised(problem.race.objective, current)
         (smaller,) = refit(problem, current, [current.structure.without_term(term)], slopes)
+        evidence = weigh(problem, [smaller, current])
         effects = len(current.structure.terms)
-        if not worth_it(problem, weigh(problem, [smaller, current]), 1, effects=effects):
+        if not (much_is_lost(evidence, 1) or worth_it(problem, evidence, 1, effects=effects)):
             current, slopes = smaller, None
     return current
 
@@ -139,5 +140,8 @@ def _without_the_uncertain(problem: Problem, current: Fit) -> Fit:
         least = min(known, key=known.__getitem__, default=None)
         if least is None or known[least] >= _CERTAIN:
             break
-        (current,) = refit(problem, current, [current.structure.without_term(least)])
+        (smaller,) = refit(problem, current, [current.structure.without_term(least)])
+        if much_is_lost(weigh(problem, [smaller, current]), 1):
+            break
+        current = smaller
     return current

@@ -17,7 +17,7 @@ import numpy as np
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.contest import Contest, contest, plainer, size_of
-from walkerkit.gap.search.evidence import Evidence, weigh
+from walkerkit.gap.search.evidence import Evidence, weigh, weigh_as_told
 from walkerkit.gap.search.fit import Progress, evaluate
 from walkerkit.gap.search.keeping import finalist, kept, over_whole, settled
 from walkerkit.gap.search.places import refit
@@ -155,18 +155,20 @@ def _grown(
     for i in _finalists(fits, evidence):
         fits[i], own = finalist(problem, fits[i])
         evidence = evidence.replaced(i + 1, own)
-    winner = _winner(problem, fits, evidence)
-    if winner is None:
-        problem.refine(current)
-        return None
-    added = fits[winner].structure.terms[len(current.structure.terms) :]
-    found = kept(problem, fits[winner], [term.effect for term in added])
-    if not tries.known(found.structure):
-        found, own = settled(problem, found)
-        effects = len(found.structure.terms)
-        if worth_it(problem, Evidence.joined([base, own]), 1, effects=effects):
-            return found, own
-    # What was added does not hold, or not where it is needed.
+    open_to = list(range(len(fits)))
+    for _ in range(_MOST_FINALISTS):
+        winner = _winner(problem, fits, evidence, open_to)
+        if winner is None:
+            break
+        added = fits[winner].structure.terms[len(current.structure.terms) :]
+        found = kept(problem, fits[winner], [term.effect for term in added])
+        if not tries.known(found.structure):
+            found, own = settled(problem, found)
+            effects = len(found.structure.terms)
+            if worth_it(problem, Evidence.joined([base, own]), 1, effects=effects):
+                return found, own
+        # What was added does not hold, or not where it is needed.
+        open_to.remove(winner)
     problem.refine(current)
     return None
 
@@ -179,40 +181,51 @@ def _exchanged(
     It was found better by the numerical error of the other, and before what it does not need was
     dropped; by its own it may be worse, and the other would be found better again.
     """
-    for one in contests:
-        own = one.fits[0]
-        for better in one.better:
-            added = [t.effect for t in better.structure.terms if t not in own.structure.terms]
-            found, evidence = settled(problem, kept(problem, better, added))
-            both = Evidence.joined([base, evidence])
-            if (
-                both.both[1] < both.both[0]
-                or tied(both, len(problem.channels), 1)
-                or (plainer(better, own) and not worth_it(problem, both, 0, base=1))
-            ):
-                return found, evidence
+    every = [better for one in contests for better in one.better]
+    for better in sorted(every, key=lambda one: one.score):
+        known = better.than.structure.terms
+        added = [term.effect for term in better.fit.structure.terms if term not in known]
+        found, evidence = settled(problem, kept(problem, better.fit, added))
+        both = Evidence.joined([base, evidence])
+        if (
+            both.both[1] < both.both[0]
+            or tied(both, len(problem.channels), 1)
+            or (plainer(better.fit, better.than) and not worth_it(problem, both, 0, base=1))
+        ):
+            return found, evidence
     return None
 
 
-def _winner(problem: Problem, fits: Sequence[Fit], evidence: Evidence) -> int | None:
-    """The best fit that is worth its number of effects and of values.
+def _winner(
+    problem: Problem, fits: Sequence[Fit], evidence: Evidence, open_to: Sequence[int]
+) -> int | None:
+    """The best of some fits that is worth its number of effects and of values.
 
-    A simpler one keeps its place unless another is worth more than it.
+    A simpler one keeps its place unless another is worth more than it, in stretches or in whole
+    rollouts: a stretch starts where the robot was, and forgives what has led elsewhere by then.
     """
 
     def worth(i: int, base: int) -> bool:
         effects = len(fits[i].structure.terms)
         return worth_it(problem, evidence, i + 1, base, effects=effects)
 
+    def worth_more(i: int, than: int) -> bool:
+        if worth(i, than + 1):
+            return True
+        if problem.window is not None:
+            return False
+        told = weigh_as_told(problem, [fits[than], fits[i]])
+        return worth_it(problem, told, 1, effects=len(fits[i].structure.terms))
+
     size = [size_of(one) for one in fits]
-    order = sorted(range(len(fits)), key=lambda i: (size[i], evidence.both[i + 1]))
+    order = sorted(open_to, key=lambda i: (size[i], evidence.both[i + 1]))
     winner = None
     for i in order:
         if not worth(i, 0):
             continue
         if winner is None or (
             evidence.both[i + 1] < evidence.both[winner + 1]
-            and (size[i] == size[winner] or worth(i, winner + 1))
+            and (size[i] == size[winner] or worth_more(i, winner))
         ):
             winner = i
     return winner

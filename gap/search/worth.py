@@ -53,6 +53,15 @@ def worth_it(
     return bool(large and other and by_chance < most and (explained > least).any())
 
 
+def much_is_lost(evidence: Evidence, k: int, base: int = 0) -> bool:
+    """Whether fit `base` has so much larger gaps than fit `k` that what it lacks is there.
+
+    On what was fitted and what was held out together: what is held out may know nothing of an
+    effect that the other recordings excite, or its size may be known badly.
+    """
+    return bool(evidence.both[base] - evidence.both[k] >= _LARGE)
+
+
 def one_sided(problem: Problem, evidence: Evidence) -> bool:
     """Whether only one half of the recordings shows something that fit 0 does not explain.
 

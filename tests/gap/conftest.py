@@ -64,6 +64,7 @@ def leg_diagnosis(
             position=GapSize(unit="rad", before=0.0066, after=0.0011, noise_floor=0.0010),
             horizon=None,
             numerical_floor=0.0003,
+            finer_position=None,
             held_out=True,
             joints={
                 hip: GapSize(unit="rad", before=0.0012, after=0.00105, noise_floor=0.0010),
@@ -170,6 +171,7 @@ def confused() -> Diagnosis:
             position=GapSize(unit="rad", before=0.0066, after=0.0022, noise_floor=0.0010),
             horizon=0.5,
             numerical_floor=0.0003,
+            finer_position=None,
             held_out=False,
             joints=leg.gap.joints,
             signals={"effort": GapSize(unit="N·m", before=0.52, after=0.2, noise_floor=0.03)},

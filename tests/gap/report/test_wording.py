@@ -59,6 +59,17 @@ def test_a_timestep_that_leaves_more_than_the_noise_is_told(leg: LegDiagnosis) -
     )
 
 
+def test_a_gap_that_the_timestep_hides_is_told_at_a_finer_one(leg: LegDiagnosis) -> None:
+    gap = leg().gap
+    hidden = replace(gap.position, before=0.0031, after=0.0035)
+    finer = replace(gap.position, before=0.0024, after=0.0011)
+    coarse = replace(gap, position=hidden, numerical_floor=0.0031, finer_position=finer)
+    assert (
+        "at a quarter of the simulation's timestep the position error shrinks from 2.4 to 1.1 mrad"
+        in wording.verdict_sentence(replace(leg(), gap=coarse))
+    )
+
+
 def test_many_joints_are_counted(leg: LegDiagnosis) -> None:
     named = replace(leg().effects[0], joints=tuple(f"j{index}" for index in range(12)))
     assert wording.place(named) == " at j0, j1, j2 and 9 more"

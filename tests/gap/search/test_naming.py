@@ -238,7 +238,7 @@ def test_the_usual_cause_of_two_that_are_alike_is_named(problem: Make) -> None:
     tries.like = lambda others, effect: frozenset({rare.name})  # type: ignore[method-assign]
     met = contest(leg, tries, gain, gain.structure.terms[0])
     assert [one.structure.terms[-1].effect for one in met.fits] == [rare, usual]
-    assert [one.structure.terms[-1].effect for one in met.better] == [usual]
+    assert [one.fit.structure.terms[-1].effect for one in met.better] == [usual]
     # And never the other way round.
     (damping,) = tries.each_on_top_of(nothing, [usual])
     assert contest(leg, Tries(leg, both, None), damping, damping.structure.terms[0]).better == ()
@@ -251,7 +251,7 @@ def test_a_plainer_effect_is_named_where_a_wider_one_is_no_better(problem: Make)
     tries = Tries(leg, effects, None)
     (wide,) = tries.each_on_top_of(nothing, effects[1:])
     met = contest(leg, tries, wide, wide.structure.terms[0])
-    assert met.better[0].structure.terms[0].effect is effects[0]
+    assert met.better[0].fit.structure.terms[0].effect is effects[0]
 
 
 def test_many_numbers_that_are_a_little_wrong_are_no_rarer_effect(problem: Make) -> None:
