@@ -16,9 +16,11 @@ from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search import keeping, trying
 from walkerkit.gap.search.contest import contest
-from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.evidence import weigh_as_told
+from walkerkit.gap.search.fit import evaluate, fit
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Structure, candidate_terms
 from walkerkit.gap.search.trying import Tries
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY
@@ -276,6 +278,40 @@ def test_an_effect_that_stood_in_for_others_leaves_again(problem: Make) -> None:
     assert set(found(rounds)) == {"coulomb_friction", "command_delay"}
     terms = [term.effect.name for term in rounds[-1].fit.structure.terms]
     assert len(terms) == len(set(terms))
+
+
+def test_what_only_the_fitted_recordings_show_stays(tmp_path: Path) -> None:
+    model = tmp_path / "leg.xml"
+    model.write_text(LEG)
+    time, room = np.arange(0.0, SECONDS, 1 / RATE), np.array([0.6, 0.5])
+    rng = np.random.default_rng(0)
+    moving = [
+        BATTERY[name](time, lower=-room, upper=room, rng=rng, max_velocity=6.0)
+        for name in ("multisine", "chirp")
+    ]
+    hidden = [
+        hide("torque_bias", "knee", bias=0.5),
+        hide("viscous_friction", "*", damping=0.3),
+    ]
+    logs = run_hardware(
+        model, [*moving, np.zeros_like(moving[0])], rate=RATE, hidden=hidden, seed=1
+    )
+    given = load_experiments(model, logs, held_out=logs[2:])
+    leg = prepare(given, window=0.5, n_threads=1).problem("zero_order")
+    effects = [CATALOGUE[name] for name in ("viscous_friction", "torque_bias")]
+    terms = candidate_terms(effects, leg.robots, leg.joints)
+    structure = Structure(terms, leg.robots)
+    both = fit(leg.fit.objective, evaluate(leg.fit.objective, [(structure, structure.zero)]))
+    found = keeping.kept(leg, both[0], [])
+    assert [term.effect for term in found.structure.terms] == effects
+
+
+def test_what_whole_rollouts_say_is_the_gap_that_is_told(problem: Make) -> None:
+    leg = problem(hide("torque_bias", "ankle", bias=0.2))
+    nothing = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
+    told = weigh_as_told(leg, nothing)
+    np.testing.assert_allclose(told.mean_square[0], leg.told.as_it_is([nothing[0].case])[0][0])
+    np.testing.assert_array_equal(told.both, told.held)
 
 
 def test_the_same_problem_gives_the_same_answer_twice(problem: Make) -> None:

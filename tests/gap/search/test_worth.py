@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.gap.search.test_naming import LEG, problem_of
 from walkerkit.gap.search.evidence import Evidence
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.worth import close_to, worth_it
+from walkerkit.gap.search.worth import close_to, much_is_lost, worth_it
 from walkerkit.gap.search.worth import confidence as confidence_of
 
 
@@ -57,6 +57,13 @@ def test_confidence_is_shared_with_equals(scores: tuple[float, ...], confidence:
 def test_confidence_falls_as_the_evidence_blurs() -> None:
     sure, blurred = (confidence_of(evidence(-3.0, -2.8, spread=s), 5) for s in (0.05, 0.3))
     assert 0.5 < blurred < sure <= 1
+
+
+def test_much_is_lost_on_all_recordings_together() -> None:
+    blind = replace(evidence(-2.0, -3.0), held=np.array([-3.0, -3.0]))
+    assert much_is_lost(blind, 1)
+    assert not much_is_lost(evidence(-2.9, -3.0), 1)
+    assert not much_is_lost(evidence(-3.0, -2.0), 1)
 
 
 @pytest.fixture(scope="module")
