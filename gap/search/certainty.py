@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
 _SECANT = 0.3  # of a number's scale, over which a slope has to hold for more than the next dent
-_ALIGNED = 0.2  # how much of the model's error looks like a change of one of its numbers
+_ALIGNED = 0.25  # how much of the model's error looks like a change of one of its numbers
 _UNCORRECTED = 0.25  # of what half the timestep changes
 _AT_BOUND = 1e-6  # of the width between the bounds
 
