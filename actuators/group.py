@@ -195,11 +195,9 @@ class ActuatorGroup:
             self._last, self._parts = cmd, {}
         for i in places:
             if i not in self._parts:
-                self._parts[i] = cmd if self._single else self._part(cmd, i)
+                own = cmd if self._single else cmd.select(self._columns[i])
+                self._parts[i] = own if self._single else _without(own, self._for_others[i])
         return self._parts
-
-    def _part(self, cmd: ActuatorCmd, i: int) -> ActuatorCmd:
-        return _without(cmd.select(self._columns[i]), self._for_others[i])
 
     @property
     def simulation(self) -> Simulation:

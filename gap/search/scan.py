@@ -16,7 +16,7 @@ from walkerkit.gap.search.structure import Case, Fit, Structure
 
 FloatArray = NDArray[np.float64]
 
-_FACTORS = np.array([0.6, 0.8, 0.9, 0.95, 0.97, 0.985, 1.015, 1.03, 1.05, 1.12, 1.25, 1.6])
+_SIZES = np.array([0.6, 0.8, 0.9, 0.95, 0.97, 0.985, 1.015, 1.03, 1.05, 1.12, 1.25, 1.6])  # of it
 _PASSES = 3
 _STEPS = 4
 _BETTER = 0.01  # of a score, for another start to be worth a fit
@@ -56,8 +56,8 @@ def _around(structure: Structure, values: FloatArray) -> FloatArray:
     for k in structure.columns(structure.terms[-1]):
         if structure.slots[k].parameter.choice or not away[k]:
             continue
-        for factor in _FACTORS:
+        for size in _SIZES:
             row = values.copy()
-            row[k] = np.clip(structure.zero[k] + factor * away[k], lower[k], upper[k])
+            row[k] = np.clip(structure.zero[k] + size * away[k], lower[k], upper[k])
             rows.append(row)
     return np.array(rows).reshape(-1, len(values))

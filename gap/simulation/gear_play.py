@@ -42,6 +42,7 @@ _PLACEHOLDER = 0.1  # of a joint's inertia, where the model has no rotor; varian
 _SLIGHT = 0.5  # rad/s²; a load that accelerates the link by less may be an error of measurement
 _SMALLEST = 1e-12
 _SHUT = 1e12  # times what the link weighs, a play does not move
+_TILT = 1e-12
 _WIDTH = 0.001  # rad; stops have one impedance, however far they give way
 
 _COPIED = (
@@ -134,6 +135,19 @@ def _insert(spec: mujoco.MjSpec, motor: Any) -> None:
     wide = _WIDE / (np.pi / 180 if in_degrees else 1.0)
     play.limited, play.range = True, [-wide, wide]
     play.name = motor.name + SUFFIX
+    if play.type == mujoco.mjtJoint.mjJNT_SLIDE:
+        play.axis = _hardly_tilted(play.axis)
+
+
+def _hardly_tilted(axis: FloatArray) -> FloatArray:
+    """An axis that lies along no axis of its body's frame.
+
+    MuJoCo takes slide joints along these for independent of each other, two along the same as well
+    (`body_simple`), and the play would not move the link with the motor.
+    """
+    tilted = np.array(axis)
+    tilted[np.argmin(np.abs(tilted))] += _TILT * np.linalg.norm(tilted)
+    return tilted
 
 
 def _become(source: Any, target: Any) -> None:

@@ -115,6 +115,26 @@ def test_moves_as_two_masses_do(play, law):
     assert np.sqrt(np.mean((got - expected) ** 2)) < 0.08 * effect
 
 
+@pytest.mark.parametrize("axis", ["1 0 0", "0 0 1", "0.6 0 0.8"])
+def test_a_carriage_is_moved_by_its_motor(axis):
+    xml = f"""
+    <mujoco><option timestep="0.001" gravity="0 0 0"/>
+    <worldbody><body><joint name="j" type="slide" axis="{axis}" armature="0.3"/>
+      <geom type="box" size="0.1 0.1 0.05" mass="2"/></body></worldbody>
+    <actuator><motor joint="j"/></actuator></mujoco>"""
+    robot = with_play(robot_from_spec(mujoco.MjSpec.from_string(xml), "carriage"), ["j"])
+    motor, play = robot.joints["j"], robot.joints["j"].play
+    for model in (robot.model, mujoco.MjModel.from_xml_string(robot.spec.to_xml())):
+        model.jnt_stiffness[play.id] = 100.0
+        data = mujoco.MjData(model)
+        data.ctrl[:] = 5.0
+        mujoco.mj_step(model, data, 200)
+        speed = data.qvel[motor.dof]
+        momentum = 0.3 * speed + 2 * (speed + data.qvel[play.dof])
+        assert momentum == pytest.approx(5.0 * 0.2, rel=1e-6)
+        assert abs(data.qvel[play.dof]) > 0.1
+
+
 def test_a_gap_of_nothing_and_a_stiff_gear_are_no_play():
     recording, robot = pushed(), rod()
     rigid = replayed(robot, recording, Trials(robot, 1))[0, :, 0]
