@@ -105,13 +105,14 @@ def _of_effect(named: NamedEffect) -> Iterator[str]:
         return
     for estimate in named.parameters:
         place = "" if estimate.place == "*" else f" of {estimate.place}"
+        value = f"{estimate.value:.4g} {'' if estimate.unit == '1' else estimate.unit}".rstrip()
         if estimate.at_bound:
             yield (
                 f"{named.effect}: {estimate.name}{place} ran into its bound "
-                f"{estimate.value:.4g} {estimate.unit} and is no estimate."
+                f"{value} and is no estimate."
             )
         elif estimate.std is None:
             yield (
                 f"{named.effect}: the recordings say nothing of {estimate.name}{place}; its value "
-                f"{estimate.value:.4g} {estimate.unit} means nothing."
+                f"{value} means nothing."
             )
