@@ -135,6 +135,12 @@ class Problem:
         return Objective(replays, self.channels, floor, n_threads=self.n_threads)
 
     @property
+    def told_soon(self) -> bool:
+        """Whether what is held out is rolled out as a whole, and that not for too long."""
+        steps = sum(replay.steps for replay in self.held.told)
+        return self.window is None and steps <= _MOST_WHOLE
+
+    @property
     def nothing(self) -> Structure:
         """The structure that adds nothing."""
         return Structure((), self.robots)
