@@ -195,8 +195,11 @@ class ActuatorGroup:
             self._last, self._parts = cmd, {}
         for i in places:
             if i not in self._parts:
-                own = cmd if self._single else cmd.select(self._columns[i])
-                self._parts[i] = own if self._single else _without(own, self._for_others[i])
+                self._parts[i] = (
+                    cmd
+                    if self._single
+                    else _without(cmd.select(self._columns[i]), self._for_others[i])
+                )
         return self._parts
 
     @property

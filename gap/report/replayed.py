@@ -109,7 +109,7 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
     if numerical_floor > position.noise_floor:
         finer_position = replace(
             position,
-            before=_finer(problem, before).rms(positions),
+            before=(finer if after is before else _finer(problem, before)).rms(positions),
             after=finer.rms(positions),
             noise_floor=float(np.hypot(position.noise_floor, numerical_floor / (_QUARTER - 1))),
         )

@@ -166,7 +166,9 @@ def summarise(
     """
     final = rounds[-1].fit
     before = {half: replay_half(problem, half, problem.robots) for half in ("fit", "held")}
-    after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
+    after = before
+    if final.structure.terms:
+        after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
     gap = gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, rounds, after["held"])
     verdict = _verdict(gap, bool(effects))

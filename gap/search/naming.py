@@ -212,7 +212,7 @@ def _winner(
     def worth_more(i: int, than: int) -> bool:
         if worth(i, than + 1):
             return True
-        if not problem.told_soon:
+        if not problem.told_soon(problem.held):
             return False
         told = weigh_as_told(problem, [fits[than], fits[i]])
         return worth_it(problem, told, 1, effects=len(fits[i].structure.terms))

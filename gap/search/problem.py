@@ -112,9 +112,9 @@ class Problem:
 
         Each stretch starts from a measured state, whose noise draws the values a little.
         """
-        told = self.fit.told
-        if self.window is not None or sum(replay.steps for replay in told) > _MOST_WHOLE:
+        if not self.told_soon(self.fit):
             return self.fit
+        told = self.fit.told
 
         def remade(one: Replay, remake: Callable[[Robot], Robot]) -> Replay:
             robot, threads = remake(one.robot), one.n_threads
@@ -134,11 +134,9 @@ class Problem:
         floor = self.fit.objective.floor
         return Objective(replays, self.channels, floor, n_threads=self.n_threads)
 
-    @property
-    def told_soon(self) -> bool:
-        """Whether what is held out is rolled out as a whole, and that not for too long."""
-        steps = sum(replay.steps for replay in self.held.told)
-        return self.window is None and steps <= _MOST_WHOLE
+    def told_soon(self, half: Half) -> bool:
+        """Whether a half is told of over whole rollouts, which do not take too long."""
+        return self.window is None and sum(replay.steps for replay in half.told) <= _MOST_WHOLE
 
     @property
     def nothing(self) -> Structure:

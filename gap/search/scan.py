@@ -16,7 +16,7 @@ from walkerkit.gap.search.structure import Case, Fit, Structure
 
 FloatArray = NDArray[np.float64]
 
-_SIZES = np.array([0.6, 0.8, 0.9, 0.95, 0.97, 0.985, 1.015, 1.03, 1.05, 1.12, 1.25, 1.6])  # of it
+_SIZES = np.array([0.6, 0.8, 0.9, 0.95, 0.97, 0.985, 1.015, 1.03, 1.05, 1.12, 1.25, 1.6])
 _PASSES = 3
 _STEPS = 4
 _BETTER = 0.01  # of a score, for another start to be worth a fit

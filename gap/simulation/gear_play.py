@@ -42,7 +42,7 @@ _PLACEHOLDER = 0.1  # of a joint's inertia, where the model has no rotor; varian
 _SLIGHT = 0.5  # rad/s²; a load that accelerates the link by less may be an error of measurement
 _SMALLEST = 1e-12
 _SHUT = 1e12  # times what the link weighs, a play does not move
-_TILT = 1e-12
+_TILT = 1e-12  # of a slide joint's axis
 _WIDTH = 0.001  # rad; stops have one impedance, however far they give way
 
 _COPIED = (
