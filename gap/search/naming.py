@@ -151,13 +151,23 @@ def _grown(
     """The fit with one or two more effects, or None where nothing is worth it."""
     tried = tries.on_top_of(current, base)
     fits, evidence = list(tried.fits), Evidence.joined([base, tried.evidence])
+    own: set[int] = set()
+
+    def with_own_numerical_error(i: int) -> None:
+        nonlocal evidence
+        fits[i], found = finalist(problem, fits[i])
+        evidence = evidence.replaced(i + 1, found)
+        own.add(i)
+
     # The numerical error was that of the current model; those who could win get their own.
     for i in _finalists(fits, evidence):
-        fits[i], own = finalist(problem, fits[i])
-        evidence = evidence.replaced(i + 1, own)
+        with_own_numerical_error(i)
     open_to = list(range(len(fits)))
     for _ in range(_MOST_FINALISTS):
         winner = _winner(problem, fits, evidence, open_to)
+        while winner is not None and winner not in own:
+            with_own_numerical_error(winner)
+            winner = _winner(problem, fits, evidence, open_to)
         if winner is None:
             break
         added = fits[winner].structure.terms[len(current.structure.terms) :]
