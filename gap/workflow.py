@@ -366,6 +366,7 @@ def _flexible_score(problem: Problem) -> float:
     effects = [CATALOGUE[name] for name in _FLEXIBLE if name in CATALOGUE]
     terms = candidate_terms(effects, problem.robots, problem.joints)
     structure = Structure(terms, problem.robots)
-    (start,) = evaluate(problem.race.objective, [(structure, structure.zero)])
-    found = polished(problem.race.objective, start, iterations=_FLEXIBLE_STEPS, certain=False)
-    return float(weigh(problem, [found]).both[0])
+    race = problem.race.objective
+    start = evaluate(race, [(structure, structure.zero)])
+    found = polished(race, start, iterations=_FLEXIBLE_STEPS, certain=False)
+    return float(weigh(problem, found).both[0])

@@ -8,7 +8,9 @@ be worth more than that.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,43 +61,101 @@ class Better:
     score: float
 
 
-def contest(problem: Problem, tries: Tries, current: Fit, term: Term) -> Contest:
-    """Compares an effect with those that could be in its place."""
+@dataclass(frozen=True, kw_only=True)
+class _Entered:
+    """A named effect and what it meets, before the contest.
+
+    Attributes:
+        alone: the others without it.
+        own: they with it, its term last.
+        rivals: they with a rival instead.
+        together: they with all that is ordinary instead, or nothing.
+    """
+
+    alone: Fit
+    own: Fit
+    rivals: tuple[Fit, ...]
+    together: tuple[Fit, ...]
+
+    @property
+    def fits(self) -> tuple[Fit, ...]:
+        """Those that compete, the named one first."""
+        return self.own, *self.rivals, *self.together
+
+
+def contests(problem: Problem, tries: Tries, current: Fit) -> list[Contest]:
+    """Compares each effect of a fit with those that could be in its place."""
+    entered = [_entered(problem, tries, current, term) for term in current.structure.terms]
+    if not entered:
+        return []
+    problem.refine(current)
     objective, channels = problem.fit.objective, len(problem.channels)
+    every = [one for met in entered for one in met.fits]
+    fits = evaluate(objective, [(one.structure, one.values) for one in every])
+    firsts = [0, *itertools.accumulate(len(met.fits) for met in entered)]
+    # Those that come near get what the named one has had: a fit to all recordings.
+    near = [
+        k
+        for first, end in itertools.pairwise(firsts)
+        for k in range(first + 1, end)
+        if channels * (fits[k].score - fits[first].score) < _NEAR
+    ]
+    if near:
+        slopes = linearised(objective, fits[0])
+        found = polished(
+            objective, [fits[k] for k in near], slopes, iterations=_REFITS, certain=False
+        )
+        for k, one in zip(near, found, strict=True):
+            fits[k] = one
+    evidence = weigh(problem, [*fits, *(met.alone for met in entered)])
+    return [
+        _held(
+            problem,
+            met,
+            fits[first:end],
+            evidence.some([*range(first, end), len(fits) + k]),
+        )
+        for k, (met, (first, end)) in enumerate(
+            zip(entered, itertools.pairwise(firsts), strict=True)
+        )
+    ]
+
+
+def _entered(problem: Problem, tries: Tries, current: Fit, term: Term) -> _Entered:
     others = current.structure.without_term(term)
     (alone,) = refit(problem, current, [others])
     rivals = _rivals(tries, alone, term.effect) if term.effect.fitted else []
-    together = _ordinary_together(tries, alone, term.effect)
-    problem.refine(current)
     mine = others.with_term(term)
-    starts = [(mine, carried(current.values, current.structure, mine))]
-    starts += [(one.structure, one.values) for one in (*rivals, *together)]
-    own, *fits = evaluate(objective, starts)
-    # Those that come near get what the named one has had: a fit to all recordings.
-    near = [k for k, one in enumerate(fits) if channels * (one.score - own.score) < _NEAR]
-    slopes = linearised(objective, own) if near else None
-    for k in near:
-        fits[k] = polished(objective, fits[k], slopes, iterations=_REFITS, certain=False)
-    evidence = weigh(problem, [own, *fits, alone])
-    places = range(len(rivals) + 1)
+    values = carried(current.values, current.structure, mine)
+    return _Entered(
+        alone=alone,
+        own=replace(current, structure=mine, values=values),
+        rivals=tuple(rivals),
+        together=tuple(_ordinary_together(tries, alone, term.effect)),
+    )
+
+
+def _held(problem: Problem, met: _Entered, fits: Sequence[Fit], evidence: Evidence) -> Contest:
+    """The contest of the fits, of which and of the others alone the evidence is."""
+    own, channels = fits[0], len(problem.channels)
+    places = range(len(met.rivals) + 1)
     compared = evidence.some(places)
     better = [
         k
         for k in places[1:]
         if _is_better(
-            problem, compared, k, size_of(fits[k - 1]) > size_of(own) or plainer(own, fits[k - 1])
+            problem, compared, k, size_of(fits[k]) > size_of(own) or plainer(own, fits[k])
         )
-        or (plainer(fits[k - 1], own) and not worth_it(problem, compared, 0, base=k))
+        or (plainer(fits[k], own) and not worth_it(problem, compared, 0, base=k))
     ]
-    if together and evidence.both[len(fits)] < evidence.both[0]:
-        better.append(len(fits))
+    last = len(fits) - 1
+    if met.together and evidence.both[last] < evidence.both[0]:
+        better.append(last)
     return Contest(
-        fits=(own, *fits[: len(rivals)]),
-        evidence=evidence.some([*places, len(fits) + 1]),
+        fits=tuple(fits[: len(places)]),
+        evidence=evidence.some([*places, len(fits)]),
         close=tuple(close_to(compared, channels)),
-        better=tuple(
-            Better(fit=fits[k - 1], than=own, score=float(evidence.both[k])) for k in better
-        ),
+        better=tuple(Better(fit=fits[k], than=own, score=float(evidence.both[k])) for k in better),
     )
 
 

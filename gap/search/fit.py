@@ -7,7 +7,7 @@ Bounded; a trial that diverges scores infinity.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.slopes import (
     Slopes,
-    linearised,
     linearised_each,
     near_slopes,
     normal_equations,
@@ -27,6 +26,7 @@ from walkerkit.gap.search.structure import Case, Fit, Structure
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float], None]  # what is being done, and how far it is (0 to 1)
+_Polishing = Generator[Fit | Case, Any, tuple[Fit, Slopes]]
 
 _DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
 _CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
@@ -168,8 +168,38 @@ def polish(
     Returns:
         The fit, and the slopes there.
     """
+    (found,) = _in_lock_step(
+        objective,
+        [
+            _polishing(
+                objective,
+                start,
+                slopes,
+                iterations=iterations,
+                certain=certain,
+                near_enough=near_enough,
+                progress=progress,
+                stage=stage,
+            )
+        ],
+    )
+    return found
+
+
+def _polishing(
+    objective: Objective,
+    start: Fit,
+    slopes: Slopes | None,
+    *,
+    iterations: int,
+    certain: bool,
+    near_enough: bool = False,
+    progress: Progress | None = None,
+    stage: str = "",
+) -> _Polishing:
+    """As `polish`, asking for the slopes at fits and for the residuals of cases."""
     if slopes is None:
-        slopes = linearised(objective, start)
+        slopes = yield start
     best, kept = objective.at(start, slopes.residual), 0
     for k in range(iterations if len(best.values) and np.isfinite(best.score) else 0):
         if progress:
@@ -183,10 +213,12 @@ def polish(
             break
         fresh, gain = slopes.fresh, 0.0
         if promised >= _CONVERGED:
-            better, residual = _tried(objective, best.structure, trials[:1])
+            whole = Case(structure=best.structure, values=trials[:1])
+            better, residual = _best(objective, whole, (yield whole))
             kept = kept + 1 if best.score - better.score >= _KEEPS * promised else 0
             if not kept:
-                damped = _tried(objective, best.structure, trials[1:])
+                less = Case(structure=best.structure, values=trials[1:])
+                damped = _best(objective, less, (yield less))
                 better, residual = min((better, residual), damped, key=lambda one: one[0].score)
             gain = best.score - better.score
             if gain > 0:
@@ -196,37 +228,74 @@ def polish(
         if gain < _CONVERGED:
             if fresh:
                 break
-            slopes = linearised(objective, best)
+            slopes = yield best
     return best, slopes
+
+
+def _in_lock_step(objective: Objective, runs: Sequence[_Polishing]) -> list[tuple[Fit, Slopes]]:
+    """What each run finds, with what they ask for at one time simulated in one batch."""
+    found: dict[int, tuple[Fit, Slopes]] = {}
+    answers: dict[int, Any] = dict.fromkeys(range(len(runs)))
+    while answers:
+        fits: dict[int, Fit] = {}
+        cases: dict[int, Case] = {}
+        for k, answer in answers.items():
+            try:
+                asked = runs[k].send(answer)
+            except StopIteration as stop:
+                found[k] = stop.value
+                continue
+            if isinstance(asked, Fit):
+                fits[k] = asked
+            else:
+                cases[k] = asked
+        answers = dict(zip(fits, linearised_each(objective, list(fits.values())), strict=True))
+        answers.update(zip(cases, _residuals(objective, list(cases.values())), strict=True))
+    return [found[k] for k in range(len(runs))]
 
 
 def polished(
     objective: Objective,
-    start: Fit,
+    starts: Sequence[Fit],
     near: Slopes | None = None,
     *,
     iterations: int,
     certain: bool = True,
-) -> Fit:
-    """What `polish` finds, from the journal where it has it.
+) -> list[Fit]:
+    """What `polish` finds from several starts, from the journal where it has it.
 
     Args:
         objective: what to fit.
-        start: structure and values.
-        near: slopes of a fit that has numbers in common with it, to begin with.
+        starts: structures and values.
+        near: slopes of a fit that has numbers in common with all of them, to begin with.
         iterations: the most steps.
         certain: as there.
     """
 
-    def make() -> list[Fit]:
-        slopes = None
+    def some(starts: Sequence[Fit]) -> list[Fit]:
+        slopes: Sequence[Slopes | None] = [None] * len(starts)
         if near is not None:
-            slopes = next(near_slopes(objective, near, [start]))
-        found, _ = polish(objective, start, slopes, iterations=iterations, certain=certain)
-        return [found]
+            slopes = list(near_slopes(objective, near, starts))
+        runs = [
+            _polishing(objective, start, own, iterations=iterations, certain=certain)
+            for start, own in zip(starts, slopes, strict=True)
+        ]
+        return [found for found, _ in _in_lock_step(objective, runs)]
 
-    (found,) = _finished([(start.structure, start.values)], make)
-    return found
+    def make() -> list[Fit]:
+        bytes_each = objective.measured.nbytes
+        groups: list[list[Fit]] = []
+        room = 0
+        for start in starts:
+            size = bytes_each * len(start.values)
+            if not groups or size > room:
+                groups.append([])
+                room = _KEPT
+            groups[-1].append(start)
+            room -= size
+        return [found for group in groups for found in some(group)]
+
+    return _finished([(start.structure, start.values) for start in starts], make)
 
 
 def _next_steps(
@@ -250,17 +319,8 @@ def _next_steps(
     return [Case(structure=best[i].structure, values=steps[i]) for i in active]
 
 
-def _tried(
-    objective: Objective, structure: Structure, values: FloatArray
-) -> tuple[Fit, FloatArray]:
-    """The best of some values, (n, n_parameters), with its residual."""
-    case = Case(structure=structure, values=values)
-    (residual,) = objective.residuals([case])
-    return _best(objective, case, residual)
-
-
 def _best(objective: Objective, case: Case, residual: FloatArray) -> tuple[Fit, FloatArray]:
-    """The same of values that are simulated, (n, rows, n_scored)."""
+    """The best of some values, whose residuals these are, with its own."""
     found, k = objective.best(case, objective.mean_square(residual))
     return found, residual[k]
 

@@ -64,7 +64,7 @@ def over_whole(problem: Problem, current: Fit) -> Fit | None:
     if whole is problem.fit or not len(current.values):
         return None
     whole.refine(current)
-    found = polished(whole.objective, current, iterations=_REFITS)
+    (found,) = polished(whole.objective, [current], iterations=_REFITS)
     before, after = weigh(problem, [current, found]).both
     return found if after < before + _AS_GOOD else None
 
@@ -77,7 +77,8 @@ def finalist(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
 
 def _refitted(problem: Problem, current: Fit) -> Fit:
     problem.refine(current)
-    return polished(problem.fit.objective, current, iterations=_REFITS)
+    (found,) = polished(problem.fit.objective, [current], iterations=_REFITS)
+    return found
 
 
 def at_floor(problem: Problem, current: Fit, base: Evidence) -> bool:

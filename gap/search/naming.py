@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from walkerkit.gap.effects import Effect
-from walkerkit.gap.search.contest import Contest, contest, plainer, size_of
+from walkerkit.gap.search.contest import Contest, contests, plainer, size_of
 from walkerkit.gap.search.evidence import Evidence, weigh, weigh_as_told
 from walkerkit.gap.search.fit import Progress, evaluate
 from walkerkit.gap.search.keeping import finalist, kept, over_whole, settled
@@ -99,8 +99,8 @@ def name_effects(
         if grown is not None:
             current, base = grown
             continue
-        contests = [contest(problem, tries, current, term) for term in current.structure.terms]
-        exchanged = _exchanged(problem, base, contests) if exchanges < _MOST_EXCHANGES else None
+        met = contests(problem, tries, current)
+        exchanged = _exchanged(problem, base, met) if exchanges < _MOST_EXCHANGES else None
         if exchanged is None:
             break
         exchanges += 1
@@ -111,7 +111,7 @@ def name_effects(
         current = whole
         problem.refine(current)
         base = weigh(problem, [current])
-    return _told(problem, tries, current, base, contests, whole=whole is not None)
+    return _told(problem, tries, current, base, met, whole=whole is not None)
 
 
 def _simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -> Fit:
@@ -151,13 +151,13 @@ def _grown(
     """The fit with one or two more effects, or None where nothing is worth it."""
     tried = tries.on_top_of(current, base)
     fits, evidence = list(tried.fits), Evidence.joined([base, tried.evidence])
-    own: set[int] = set()
+    refined: set[int] = set()
 
     def with_own_numerical_error(i: int) -> None:
         nonlocal evidence
         fits[i], found = finalist(problem, fits[i])
         evidence = evidence.replaced(i + 1, found)
-        own.add(i)
+        refined.add(i)
 
     # The numerical error was that of the current model; those who could win get their own.
     for i in _finalists(fits, evidence):
@@ -165,7 +165,7 @@ def _grown(
     open_to = list(range(len(fits)))
     for _ in range(_MOST_FINALISTS):
         winner = _winner(problem, fits, evidence, open_to)
-        while winner is not None and winner not in own:
+        while winner is not None and winner not in refined:
             with_own_numerical_error(winner)
             winner = _winner(problem, fits, evidence, open_to)
         if winner is None:

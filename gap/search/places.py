@@ -37,7 +37,7 @@ def refit(
         slopes = slopes_to_carry(objective, source)
     if len(starts) > 1:
         return fit(objective, starts, iterations=_REFITS, near=slopes)
-    return [polished(objective, starts[0], slopes, iterations=_REFITS, certain=False)]
+    return polished(objective, starts, slopes, iterations=_REFITS, certain=False)
 
 
 def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:

@@ -26,6 +26,7 @@ from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
 Numbers = dict[str, FloatArray]
+_Law = tuple[type[DrivetrainLaw], Numbers]
 
 
 class Laws:
@@ -90,31 +91,36 @@ class Laws:
 
     @classmethod
     def joined(cls, parts: Sequence[Laws]) -> Laws:
-        """The laws that are run step by step of some that can be run as one."""
+        """The laws of some that can be run as one."""
         laws = copy(parts[0])
         laws.shape = (sum(part.shape[0] for part in parts), len(laws.joints))
         laws.forces = DriveForces.joined([part.forces for part in parts])
-        laws.of_targets = []
-        each = [dict(part.stepwise) for part in parts]
-        laws.stepwise = [
+        laws.of_targets = cls._joined([(part.of_targets, part.shape) for part in parts])
+        laws.stepwise = cls._joined([(part.stepwise, part.shape) for part in parts])
+        return laws
+
+    @staticmethod
+    def _joined(
+        parts: Sequence[tuple[Sequence[_Law], tuple[int, int]]],
+    ) -> list[_Law]:
+        """Laws of some simulations each, neutral where others have them."""
+        each = [(dict(laws), shape) for laws, shape in parts]
+        return [
             (
                 law,
                 {
                     name: np.concatenate(
                         [
-                            some[law][name]
-                            if law in some
-                            else np.full(part.shape, law.neutral[name])
-                            for part, some in zip(parts, each, strict=True)
+                            some[law][name] if law in some else np.full(shape, law.neutral[name])
+                            for some, shape in each
                         ]
                     )
                     for name in law.neutral
                 },
             )
             for law in LAWS.values()
-            if any(law in some for some in each)
+            if any(law in some for some, _ in each)
         ]
-        return laws
 
     def bank(self) -> LawBank:
         """The laws that are run step by step, with nothing to remember yet."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Generator, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +34,11 @@ from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.start import memory, rest, start_state
-from walkerkit.gap.simulation.together import Asked, Done, together
+from walkerkit.gap.simulation.together import Asked, Commanded, controlled, together
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
-Predicting = Generator[Asked, Done, FloatArray]
+Predicting = Generator[Asked | Commanded, Any, FloatArray]
 
 _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
 _CONTROLLED = 1.0  # s of them that controllers which remember targets see besides
@@ -184,7 +184,11 @@ class Replay:
         return predicted
 
     def predicting(self, trials: Trials) -> Predicting:
-        """As `predict`, asking for its rollouts and to be sent what `together` makes of them."""
+        """As `predict`, asking for what others may ask for too.
+
+        It is to be sent what `together` makes of the rollouts and `controlled` of the commands
+        that it yields.
+        """
         parts = rebuilds(trials)
         if not any(rebuild.needed for rebuild, _ in parts):
             return (yield from self._predicting(trials))
@@ -282,9 +286,9 @@ class Replay:
         ctrl = delayed(group.ctrl, group.past - before, before + steps, shift / step)
         clock = (group.elapsed - lead).reshape(-1)
         ahead = None
-        if laws is not None:
+        if laws is not None and laws.of_targets:
             sent = ctrl.reshape(n * n_segments, before + steps, -1)
-            sent, ahead = laws.controlled(sent, clock - step * before)
+            sent, ahead = yield Commanded(laws=laws, ctrl=sent, time=clock - step * before)
             ctrl, ahead = sent.reshape(ctrl.shape), None if ahead is None else ahead[:, before:]
         state = start_state(
             model,
@@ -428,15 +432,25 @@ def predict_together(
     """
     runs = [replay.predicting(own) for replay, own in zip(replays, trials, strict=True)]
     predicted: dict[int, FloatArray] = {}
-    sent: dict[int, Done | None] = dict.fromkeys(range(len(runs)))
-    while sent:
-        asked = {}
+    sent: dict[int, Any] = dict.fromkeys(range(len(runs)))
+    waiting: dict[int, Asked] = {}
+    while sent or waiting:
+        commanded = {}
         for k, done in sent.items():
             try:
-                asked[k] = next(runs[k]) if done is None else runs[k].send(done)
+                asked = runs[k].send(done)
             except StopIteration as stop:
                 predicted[k] = stop.value
-        sent = dict(zip(asked, together(list(asked.values()), n_threads), strict=True))
+                continue
+            if isinstance(asked, Asked):
+                waiting[k] = asked
+            else:
+                commanded[k] = asked
+        if commanded:
+            sent = dict(zip(commanded, controlled(list(commanded.values())), strict=True))
+        else:  # all that can be in one batch has been asked for
+            sent = dict(zip(waiting, together(list(waiting.values()), n_threads), strict=True))
+            waiting = {}
     return [predicted[k] for k in range(len(runs))]
 
 

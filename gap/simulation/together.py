@@ -4,17 +4,18 @@ A manifest has one robot per condition: another gain, another load. Whoever step
 pays for every step of each; side by side in one batch they share it.
 
     rollouts = together([rollout, other])      # what `alone` returns of each, in their order
+    controls = controlled([commands, others])
 """
 
 from __future__ import annotations
 
 import os
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -28,6 +29,7 @@ from walkerkit.walkers.batch import LockStep, Rollout
 
 FloatArray = NDArray[np.float64]
 Done = tuple[Rollout, FloatArray | None]
+Controlled = tuple[FloatArray, FloatArray | None]
 
 _WORTH_THREADS = 64  # simulations, stepped one by one
 _LENGTH_RATIO = 0.8  # of the shortest to the longest of a batch, about
@@ -113,6 +115,43 @@ class Asked:
         )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Commanded:
+    """Controls of which controllers are to make others, as `Laws.controlled` takes them."""
+
+    laws: Laws
+    ctrl: FloatArray
+    time: FloatArray
+
+    @property
+    def size(self) -> int:
+        """Bytes of what is kept."""
+        return 3 * self.ctrl.nbytes
+
+
+def controlled(commanded: Sequence[Commanded]) -> list[Controlled]:
+    """What `Laws.controlled` makes of each, those that can be in one batch together."""
+    found: dict[int, Controlled] = {}
+    for group in _grouped(
+        commanded,
+        lambda one, other: (
+            _of_like_length(one.ctrl.shape[1], other.ctrl.shape[1]) and one.laws.joins(other.laws)
+        ),
+    ):
+        members = [commanded[k] for k in group]
+        ctrl, ahead = Laws.joined([one.laws for one in members]).controlled(
+            _padded([one.ctrl for one in members]),
+            np.concatenate([one.time for one in members]),
+        )
+        for k, rows in zip(group, _rows([len(one.ctrl) for one in members]), strict=True):
+            part = rows, slice(commanded[k].ctrl.shape[1])
+            found[k] = ctrl[part], None if ahead is None else ahead[part]
+    return [found[k] for k in range(len(commanded))]
+
+
+_Any = TypeVar("_Any", Asked, Commanded)
+
+
 def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
     """Does several rollouts, those that can be in one batch, the others side by side.
 
@@ -125,15 +164,7 @@ def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
     """
     if not asked:
         return []
-    groups: list[list[int]] = []
-    for k, one in enumerate(asked):
-        for group in groups:
-            size = sum(asked[i].size for i in group) + one.size
-            if size <= _BATCH_BYTES and _alike(asked[group[0]], one):
-                group.append(k)
-                break
-        else:
-            groups.append([k])
+    groups = _grouped(asked, _alike)
     if len(groups) == 1:
         joined = replace(_joined(asked), n_threads=n_threads)
         return _apart(joined.alone(), asked)
@@ -151,10 +182,33 @@ def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
     return [found[k] for k in range(len(asked))]
 
 
+def _grouped(asked: Sequence[_Any], alike: Callable[[_Any, _Any], bool]) -> list[list[int]]:
+    """Indices of what can be in one batch."""
+    groups: list[list[int]] = []
+    for k, one in enumerate(asked):
+        for group in groups:
+            size = sum(asked[i].size for i in group) + one.size
+            if size <= _BATCH_BYTES and alike(asked[group[0]], one):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return groups
+
+
+def _rows(counts: Sequence[int]) -> list[slice]:
+    """Where each of some are that follow each other."""
+    ends = np.cumsum(counts)
+    return [slice(int(end) - n, int(end)) for end, n in zip(ends, counts, strict=True)]
+
+
+def _of_like_length(one: int, other: int) -> bool:
+    return _LENGTH_RATIO < one / other < 1 / _LENGTH_RATIO
+
+
 def _apart(done: Done, members: Sequence[Asked]) -> list[Done]:
     rollout, changed = done
-    ends = np.cumsum([one.n_sims for one in members])
-    parts = [slice(end - one.n_sims, end) for end, one in zip(ends, members, strict=True)]
+    parts = _rows([one.n_sims for one in members])
     return [
         (
             Rollout(
@@ -233,7 +287,7 @@ def _alike(one: Asked, other: Asked) -> bool:
     """Whether two rollouts can be done in one batch."""
     return (
         _differing(one.model, other.model) is not None
-        and _LENGTH_RATIO < one.n_steps / other.n_steps < 1 / _LENGTH_RATIO
+        and _of_like_length(one.n_steps, other.n_steps)
         and one.record == other.record
         and (one.laws is None) == (other.laws is None)
         and (one.laws is None or other.laws is None or one.laws.joins(other.laws))

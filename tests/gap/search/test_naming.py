@@ -15,7 +15,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search import keeping, trying
-from walkerkit.gap.search.contest import contest
+from walkerkit.gap.search.contest import contests
 from walkerkit.gap.search.evidence import weigh_as_told
 from walkerkit.gap.search.fit import evaluate, fit
 from walkerkit.gap.search.naming import Round, name_effects
@@ -238,12 +238,13 @@ def test_the_usual_cause_of_two_that_are_alike_is_named(problem: Make) -> None:
     tries = Tries(leg, both, None)
     (gain,) = tries.each_on_top_of(nothing, [rare])
     tries.like = lambda others, effect: frozenset({rare.name})  # type: ignore[method-assign]
-    met = contest(leg, tries, gain, gain.structure.terms[0])
+    (met,) = contests(leg, tries, gain)
     assert [one.structure.terms[-1].effect for one in met.fits] == [rare, usual]
     assert [one.fit.structure.terms[-1].effect for one in met.better] == [usual]
     # And never the other way round.
     (damping,) = tries.each_on_top_of(nothing, [usual])
-    assert contest(leg, Tries(leg, both, None), damping, damping.structure.terms[0]).better == ()
+    (met,) = contests(leg, Tries(leg, both, None), damping)
+    assert met.better == ()
 
 
 def test_a_plainer_effect_is_named_where_a_wider_one_is_no_better(problem: Make) -> None:
@@ -252,7 +253,7 @@ def test_a_plainer_effect_is_named_where_a_wider_one_is_no_better(problem: Make)
     (nothing,) = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
     tries = Tries(leg, effects, None)
     (wide,) = tries.each_on_top_of(nothing, effects[1:])
-    met = contest(leg, tries, wide, wide.structure.terms[0])
+    (met,) = contests(leg, tries, wide)
     assert met.better[0].fit.structure.terms[0].effect is effects[0]
 
 
