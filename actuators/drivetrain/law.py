@@ -184,9 +184,10 @@ class Lag(DrivetrainLaw):
     @classmethod
     def prepared(cls, p: Parameters, dt: float) -> Parameters:
         """As in `DrivetrainLaw`; what is left of a difference, and passes of a jump."""
-        ratio = np.maximum(p["time_constant"], 1e-9) / dt
-        left = np.exp(-1.0 / ratio)
-        passing = -np.expm1(-SOON / ratio)
+        ratio = p["time_constant"] / dt
+        steps = 1.0 / np.maximum(ratio, 1e-9)  # of which each leaves e⁻¹; many without a filter
+        left = np.exp(-steps)
+        passing = -np.expm1(-SOON * steps)
         return {**p, "left": left, "mean": ratio * (1.0 - left), "passing": passing}
 
     @staticmethod

@@ -66,8 +66,8 @@ def test_a_neutral_law_does_nothing(name):
     u, q, tau = wandering(50), wandering(50, seed=1), wandering(50, seed=2)
     series = {"target": u, "q": q, "qd": 3 * tau, "effort": tau, "damping": 1 + 0 * tau}
     for k, step in enumerate(run(law, law.neutral, series)):
-        np.testing.assert_allclose(step.target, u[k], atol=1e-5)
-        np.testing.assert_allclose(step.effort, tau[k], atol=1e-5)
+        np.testing.assert_array_equal(step.target, u[k])
+        np.testing.assert_array_equal(step.effort, tau[k])
         np.testing.assert_array_equal(step.extra, 0.0)
         np.testing.assert_array_equal(step.friction, 0.0)
 
