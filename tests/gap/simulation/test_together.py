@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 
 from tests.gap.simulation.arm import CHANNELS, arm
-from walkerkit.actuators.drivetrain.controller import IntegralAction, SetpointFilter
+from walkerkit.actuators.drivetrain.controller import (
+    IntegralAction,
+    SampleAndHold,
+    SetpointFilter,
+)
 from walkerkit.actuators.drivetrain.drive import Cogging
 from walkerkit.actuators.drivetrain.friction import LoadDependentFriction
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.replay import Replay, predict_together
 from walkerkit.gap.simulation.together import Asked
 from walkerkit.gap.simulation.trials import Trials
@@ -91,3 +96,24 @@ def test_others_run_beside_each_other(batches, changed):
     assert max(batches) <= 3
     for one, own, found in zip(replays, tried, together, strict=True):
         np.testing.assert_array_equal(found, one.predict(own))
+
+
+def test_controllers_of_several_robots_run_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+    own = Laws.controlled
+
+    def counted(self: Laws, ctrl, time):
+        counts.append(len(ctrl))
+        return own(self, ctrl, time)
+
+    monkeypatch.setattr(Laws, "controlled", counted)
+    replays = [replay(0), replay(1, n=280, kp=90), replay(2, n=60)]
+    tried = [
+        trials(replays[0], SetpointFilter, time_constant=0.02),
+        trials(replays[1], SampleAndHold, period=0.013),
+        trials(replays[2], SetpointFilter, time_constant=0.05),
+    ]
+    together = predict_together(replays, tried, 1)
+    assert counts == [4, 2]  # the third is much shorter
+    for one, variants, found in zip(replays, tried, together, strict=True):
+        np.testing.assert_array_equal(found, one.predict(variants))
