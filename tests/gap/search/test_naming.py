@@ -14,13 +14,13 @@ from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
-from walkerkit.gap.search import keeping, trying
+from walkerkit.gap.search import keeping, naming, trying
 from walkerkit.gap.search.contest import contests
-from walkerkit.gap.search.evidence import weigh_as_told
+from walkerkit.gap.search.evidence import Evidence, weigh, weigh_as_told
 from walkerkit.gap.search.fit import evaluate, fit
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Structure, candidate_terms
+from walkerkit.gap.search.structure import Fit, Structure, candidate_terms
 from walkerkit.gap.search.trying import Tries
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY
@@ -268,6 +268,28 @@ def test_many_numbers_that_are_a_little_wrong_are_no_rarer_effect(problem: Make)
     named = found(search(problem(*hidden, signals=Q_ONLY), *rare, *usual))
     assert named
     assert set(named) <= set(usual)
+
+
+def test_who_wins_a_round_is_judged_by_its_own_numerical_error(
+    problem: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
+    judged: list[str] = []
+
+    def finalist(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
+        found, evidence = keeping.finalist(problem, current)
+        judged.append(current.structure.terms[-1].effect.name)
+        if len(judged) == 1:  # as if its own error hid all that it explains
+            evidence = weigh(problem, [replace(found, values=found.structure.zero)])
+        return found, evidence
+
+    def best(fits: Sequence[Fit], evidence: Evidence) -> list[int]:
+        return [int(np.argmin(evidence.both[1:]))][: len(fits)]
+
+    monkeypatch.setattr(naming, "finalist", finalist)
+    monkeypatch.setattr(naming, "_finalists", best)
+    search(leg, "coulomb_friction", "asymmetric_friction")
+    assert sorted(judged[:2]) == ["asymmetric_friction", "coulomb_friction"]
 
 
 def test_an_effect_that_stood_in_for_others_leaves_again(problem: Make) -> None:
