@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
+from walkerkit.gap.search.excerpt import Gaps, representative, spread
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.structure import Fit, Structure
+from walkerkit.gap.search.structure import Case, Fit, Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
@@ -76,9 +77,9 @@ class Problem:
         robots: the robots; the effects' values are shared by all.
         joints: joints that the recordings measure.
         fit: recordings that are fitted.
-        race: what candidates are first fitted on: `fit`, or a part of it where it is long.
-        screen: short parts of `fit`, on which every effect is tried.
         held: recordings that are held out.
+        make_part: makes a part of `fit` of so many steps at most, in stretches of so many seconds,
+            or `fit` itself where it is no longer.
         noise: (n_scored,) noise of the scored channels.
         hold: what the targets are between their samples.
         window: seconds after which replays restart, or None for whole rollouts.
@@ -88,9 +89,8 @@ class Problem:
     robots: tuple[Robot, ...]
     joints: tuple[str, ...]
     fit: Half
-    race: Half
-    screen: Half
     held: Half
+    make_part: Callable[[int, float], Half]
     noise: FloatArray
     hold: Hold
     window: float | None
@@ -100,6 +100,17 @@ class Problem:
     def channels(self) -> tuple[Channel, ...]:
         """The scored channels."""
         return self.fit.objective.channels
+
+    @cached_property
+    def race(self) -> Half:
+        """What candidates are first fitted on: `fit`, or a part of it where it is long."""
+        on_feet = any(robot.base for robot in self.robots)
+        return self.make_part(_RACE_STEPS_ON_FEET if on_feet else _RACE_STEPS, _STRETCH)
+
+    @cached_property
+    def screen(self) -> Half:
+        """Short parts of `fit`, on which every effect is tried."""
+        return self.make_part(_SCREEN_STEPS, _SCREEN_STRETCH)
 
     @property
     def parts(self) -> tuple[Half, ...]:
@@ -211,13 +222,19 @@ def build(
         return Objective(simulated, scored, _FLOOR * floor, n_threads=n_threads)
 
     def half(
-        recordings: Sequence[Sequence[Recording]], share: float = 1.0, stretch: float = _STRETCH
+        recordings: Sequence[Sequence[Recording]],
+        share: float,
+        stretch: float = _STRETCH,
+        gaps: Gaps | None = None,
     ) -> Half:
         def parts(mine: Sequence[Recording], phase: float) -> tuple[Segment, ...]:
-            if window is not None:
-                return _spread(cut(mine, window), share, phase, fewest)
-            every = [s for one in mine for s in stretches(one, stretch)]
-            return _spread(every, share, phase, fewest)
+            every = cut(mine, window)
+            if window is None:
+                every = tuple(s for one in mine for s in stretches(one, stretch))
+            some: Sequence[int] = spread(len(every), share=share, phase=phase, fewest=fewest)
+            if gaps is not None:
+                some = representative(every, some, gaps)
+            return tuple(every[k] for k in some)
 
         def finer() -> tuple[Objective, ...]:
             return tuple(objective(replays(recordings, parts, each, scored)) for each in _FINER)
@@ -240,29 +257,24 @@ def build(
 
     def part(most: int, stretch: float) -> Half:
         small = share(fitted, most)
-        return fit if small == 1 else half(fitted, small, stretch)
+        return fit if small == 1 else half(fitted, small, stretch, as_it_is())
+
+    @cache
+    def as_it_is() -> Gaps:
+        nothing = Case(structure=Structure((), tuple(sized)), values=np.zeros((1, 0)))
+        return Gaps.of(fit.objective, fit.objective.simulated([nothing])[0][0])
 
     return Problem(
         robots=tuple(sized),
         joints=joints,
         fit=fit,
-        race=part(_RACE_STEPS_ON_FEET if any(r.base for r in sized) else _RACE_STEPS, _STRETCH),
-        screen=part(_SCREEN_STEPS, _SCREEN_STRETCH),
+        make_part=part,
         held=half(held_out, share(held_out, _MOST_STEPS)),
         noise=floor,
         hold=hold,
         window=window,
         n_threads=n_threads,
     )
-
-
-def _spread(
-    segments: Sequence[Segment], share: float, phase: float, fewest: int
-) -> tuple[Segment, ...]:
-    """A share of the segments, evenly spread: they are alike, so that some tell as much as all."""
-    count = min(len(segments), max(fewest, round(share * len(segments))))
-    places = (np.arange(count) + phase) * len(segments) / count
-    return tuple(segments[int(k)] for k in places)
 
 
 def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.Noise:
