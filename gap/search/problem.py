@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.excerpt import Gaps, representative, spread
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.structure import Case, Fit, Structure
+from walkerkit.gap.search.structure import Fit, Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
@@ -69,6 +69,41 @@ class Half:
         self.objective.refine(self.finer, fit.case, residual)
 
 
+class Searched:
+    """The parts of what is fitted that are simulated again and again, where it is long.
+
+    Args:
+        fit: what is fitted.
+        part: makes a part of so many steps at most, in stretches of so many seconds, that holds its
+            part of some gaps; `fit` itself where it is no longer.
+        on_feet: the robot has a floating base.
+    """
+
+    def __init__(self, fit: Half, part: Callable[[int, float, Gaps], Half], on_feet: bool):
+        self._fit, self._part = fit, part
+        self._race_steps = _RACE_STEPS_ON_FEET if on_feet else _RACE_STEPS
+        self._gaps = Gaps(rows={})
+
+    def look_at(self, current: Fit) -> None:
+        """Lets them hold their part of what a fit leaves."""
+        if self.screen is self._fit:  # and so is the race
+            return
+        objective = self._fit.objective
+        self._gaps = Gaps.of(objective, objective.simulated([current.case])[0][0])
+        self.__dict__.pop("race", None)
+        self.__dict__.pop("screen", None)
+
+    @cached_property
+    def race(self) -> Half:
+        """What candidates are first fitted on."""
+        return self._part(self._race_steps, _STRETCH, self._gaps)
+
+    @cached_property
+    def screen(self) -> Half:
+        """Short parts, on which every effect is tried."""
+        return self._part(_SCREEN_STEPS, _SCREEN_STRETCH, self._gaps)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Problem:
     """What is to be explained.
@@ -78,8 +113,7 @@ class Problem:
         joints: joints that the recordings measure.
         fit: recordings that are fitted.
         held: recordings that are held out.
-        make_part: makes a part of `fit` of so many steps at most, in stretches of so many seconds,
-            or `fit` itself where it is no longer.
+        searched: parts of what is fitted.
         noise: (n_scored,) noise of the scored channels.
         hold: what the targets are between their samples.
         window: seconds after which replays restart, or None for whole rollouts.
@@ -90,7 +124,7 @@ class Problem:
     joints: tuple[str, ...]
     fit: Half
     held: Half
-    make_part: Callable[[int, float], Half]
+    searched: Searched
     noise: FloatArray
     hold: Hold
     window: float | None
@@ -101,16 +135,15 @@ class Problem:
         """The scored channels."""
         return self.fit.objective.channels
 
-    @cached_property
+    @property
     def race(self) -> Half:
         """What candidates are first fitted on: `fit`, or a part of it where it is long."""
-        on_feet = any(robot.base for robot in self.robots)
-        return self.make_part(_RACE_STEPS_ON_FEET if on_feet else _RACE_STEPS, _STRETCH)
+        return self.searched.race
 
-    @cached_property
+    @property
     def screen(self) -> Half:
         """Short parts of `fit`, on which every effect is tried."""
-        return self.make_part(_SCREEN_STEPS, _SCREEN_STRETCH)
+        return self.searched.screen
 
     @property
     def parts(self) -> tuple[Half, ...]:
@@ -200,21 +233,19 @@ def build(
     fewest = min(_FEWEST, -(-_FEWEST_OF_ALL // len(sized)))
 
     def replays(
-        recordings: Sequence[Sequence[Recording]],
-        parts: Callable[[Sequence[Recording], float], tuple[Segment, ...]],
+        picked: Sequence[Sequence[Segment]],
         remade: Callable[[Robot], Robot] = lambda robot: robot,
         kept: Sequence[Channel] = channels,
     ) -> tuple[Replay, ...]:
-        # Each robot contributes other parts, so that few of many say something of everything.
         return tuple(
             Replay(
                 remade(robot),
-                parts(mine, (k + 0.5) / len(sized)),
+                mine,
                 kept,
                 hold=hold,
                 n_threads=n_threads if len(sized) == 1 else 1,  # robots are side by side
             )
-            for k, (robot, mine) in enumerate(zip(sized, recordings, strict=True))
+            for robot, mine in zip(sized, picked, strict=True)
             if mine
         )
 
@@ -223,26 +254,16 @@ def build(
 
     def half(
         recordings: Sequence[Sequence[Recording]],
-        share: float,
-        stretch: float = _STRETCH,
-        gaps: Gaps | None = None,
+        picked: Sequence[Sequence[Segment]],
+        told: tuple[Replay, ...] | None = None,
     ) -> Half:
-        def parts(mine: Sequence[Recording], phase: float) -> tuple[Segment, ...]:
-            every = cut(mine, window)
-            if window is None:
-                every = tuple(s for one in mine for s in stretches(one, stretch))
-            some: Sequence[int] = spread(len(every), share=share, phase=phase, fewest=fewest)
-            if gaps is not None:
-                some = representative(every, some, gaps)
-            return tuple(every[k] for k in some)
-
         def finer() -> tuple[Objective, ...]:
-            return tuple(objective(replays(recordings, parts, each, scored)) for each in _FINER)
+            return tuple(objective(replays(picked, each, scored)) for each in _FINER)
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
-            told=replays(recordings, lambda mine, _: cut(mine, window)),
-            objective=objective(replays(recordings, parts)),
+            told=replays([cut(r, window) for r in recordings]) if told is None else told,
+            objective=objective(replays(picked)),
             make_finer=finer,
         )
 
@@ -253,23 +274,46 @@ def build(
         seconds = sum(float(r.time[-1] - r.time[0]) for group in recordings for r in group)
         return min(1.0, most * step / seconds)
 
-    fit = half(fitted, share(fitted, _MOST_STEPS))
+    def picked(
+        recordings: Sequence[Sequence[Recording]],
+        share: float,
+        stretch: float = _STRETCH,
+        gaps: Gaps | None = None,
+    ) -> tuple[tuple[Segment, ...], ...]:
+        found = []
+        for k, mine in enumerate(recordings):
+            every = cut(mine, window)
+            if window is None:
+                every = tuple(s for one in mine for s in stretches(one, stretch))
+            # Each robot contributes other parts, so that few of many say something of everything.
+            phase = (k + 0.5) / len(sized)
+            some: Sequence[int] = ()
+            if every:
+                some = spread(len(every), share=share, phase=phase, fewest=fewest)
+            if gaps is not None:
+                some = representative(every, some, gaps)
+            found.append(tuple(every[k] for k in some))
+        return tuple(found)
 
-    def part(most: int, stretch: float) -> Half:
+    fit = half(fitted, picked(fitted, share(fitted, _MOST_STEPS)))
+    parts: dict[tuple[float, tuple[tuple[tuple[str, int], ...], ...]], Half] = {}
+
+    def part(most: int, stretch: float, gaps: Gaps) -> Half:
         small = share(fitted, most)
-        return fit if small == 1 else half(fitted, small, stretch, as_it_is())
-
-    @cache
-    def as_it_is() -> Gaps:
-        nothing = Case(structure=Structure((), tuple(sized)), values=np.zeros((1, 0)))
-        return Gaps.of(fit.objective, fit.objective.simulated([nothing])[0][0])
+        if small == 1:
+            return fit
+        some = picked(fitted, small, stretch, gaps)
+        key = stretch, tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
+        if key not in parts:
+            parts[key] = half(fitted, some, fit.told)
+        return parts[key]
 
     return Problem(
         robots=tuple(sized),
         joints=joints,
         fit=fit,
-        make_part=part,
-        held=half(held_out, share(held_out, _MOST_STEPS)),
+        held=half(held_out, picked(held_out, share(held_out, _MOST_STEPS))),
+        searched=Searched(fit, part, any(robot.base for robot in sized)),
         noise=floor,
         hold=hold,
         window=window,
