@@ -366,7 +366,9 @@ def _flexible_score(problem: Problem) -> float:
     effects = [CATALOGUE[name] for name in _FLEXIBLE if name in CATALOGUE]
     terms = candidate_terms(effects, problem.robots, problem.joints)
     structure = Structure(terms, problem.robots)
+    (start,) = evaluate(problem.fit.objective, [(structure, structure.zero)])
+    problem.searched.look_at(start)
+    problem.race.refine(start)
     race = problem.race.objective
-    start = evaluate(race, [(structure, structure.zero)])
-    found = polished(race, start, iterations=_FLEXIBLE_STEPS, certain=False)
+    found = polished(race, [start], iterations=_FLEXIBLE_STEPS, certain=False)
     return float(weigh(problem, found).both[0])
