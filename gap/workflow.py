@@ -368,7 +368,6 @@ def _flexible_score(problem: Problem) -> float:
     structure = Structure(terms, problem.robots)
     (start,) = evaluate(problem.fit.objective, [(structure, structure.zero)])
     problem.searched.look_at(start)
-    problem.race.refine(start)
     race = problem.race.objective
     found = polished(race, [start], iterations=_FLEXIBLE_STEPS, certain=False)
     return float(weigh(problem, found).both[0])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,6 +34,7 @@ _RACE_STEPS_ON_FEET = 6_000  # of a floating base, whose many channels tell as m
 _MOST_WHOLE = 80_000
 _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
+_MOST_PARTS = 8  # that are kept, with their numerical errors
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
 _FINER: tuple[Callable[[Robot], Robot], ...] = (
@@ -70,7 +72,7 @@ class Half:
 
 
 class Searched:
-    """The parts of what is fitted that are simulated again and again, where it is long.
+    """The parts of what is fitted on which effects are tried, where it is long.
 
     Args:
         fit: what is fitted.
@@ -85,7 +87,7 @@ class Searched:
         self._gaps = Gaps(rows={})
 
     def look_at(self, current: Fit) -> None:
-        """Lets them hold their part of what a fit leaves."""
+        """Chooses them so that they hold their part of what a fit leaves."""
         if self.screen is self._fit:  # and so is the race
             return
         objective = self._fit.objective
@@ -280,23 +282,24 @@ def build(
         stretch: float = _STRETCH,
         gaps: Gaps | None = None,
     ) -> tuple[tuple[Segment, ...], ...]:
-        found = []
+        found: list[tuple[Segment, ...]] = []
         for k, mine in enumerate(recordings):
             every = cut(mine, window)
             if window is None:
                 every = tuple(s for one in mine for s in stretches(one, stretch))
             # Each robot contributes other parts, so that few of many say something of everything.
             phase = (k + 0.5) / len(sized)
-            some: Sequence[int] = ()
-            if every:
-                some = spread(len(every), share=share, phase=phase, fewest=fewest)
+            if not every:
+                found.append(())
+                continue
+            some: Sequence[int] = spread(len(every), share=share, phase=phase, fewest=fewest)
             if gaps is not None:
                 some = representative(every, some, gaps)
             found.append(tuple(every[k] for k in some))
         return tuple(found)
 
     fit = half(fitted, picked(fitted, share(fitted, _MOST_STEPS)))
-    parts: dict[tuple[float, tuple[tuple[tuple[str, int], ...], ...]], Half] = {}
+    parts: OrderedDict[Hashable, Half] = OrderedDict()
 
     def part(most: int, stretch: float, gaps: Gaps) -> Half:
         small = share(fitted, most)
@@ -304,9 +307,11 @@ def build(
             return fit
         some = picked(fitted, small, stretch, gaps)
         key = stretch, tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
-        if key not in parts:
-            parts[key] = half(fitted, some, fit.told)
-        return parts[key]
+        found = parts.pop(key, None) or half(fitted, some, fit.told)
+        while len(parts) >= _MOST_PARTS:
+            parts.popitem(last=False)
+        parts[key] = found
+        return found
 
     return Problem(
         robots=tuple(sized),
