@@ -235,7 +235,7 @@ def build(
     fewest = min(_FEWEST, -(-_FEWEST_OF_ALL // len(sized)))
 
     def replays(
-        picked: Sequence[Sequence[Segment]],
+        chosen: Sequence[Sequence[Segment]],
         remade: Callable[[Robot], Robot] = lambda robot: robot,
         kept: Sequence[Channel] = channels,
     ) -> tuple[Replay, ...]:
@@ -247,7 +247,7 @@ def build(
                 hold=hold,
                 n_threads=n_threads if len(sized) == 1 else 1,  # robots are side by side
             )
-            for robot, mine in zip(sized, picked, strict=True)
+            for robot, mine in zip(sized, chosen, strict=True)
             if mine
         )
 
@@ -256,16 +256,16 @@ def build(
 
     def half(
         recordings: Sequence[Sequence[Recording]],
-        picked: Sequence[Sequence[Segment]],
+        chosen: Sequence[Sequence[Segment]],
         told: tuple[Replay, ...] | None = None,
     ) -> Half:
         def finer() -> tuple[Objective, ...]:
-            return tuple(objective(replays(picked, each, scored)) for each in _FINER)
+            return tuple(objective(replays(chosen, each, scored)) for each in _FINER)
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
             told=replays([cut(r, window) for r in recordings]) if told is None else told,
-            objective=objective(replays(picked)),
+            objective=objective(replays(chosen)),
             make_finer=finer,
         )
 
