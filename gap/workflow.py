@@ -45,7 +45,7 @@ from walkerkit.gap.search.evidence import weigh
 from walkerkit.gap.search.fit import Progress, evaluate, polished
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem, build
-from walkerkit.gap.search.structure import Structure, candidate_terms
+from walkerkit.gap.search.structure import Case, Structure, candidate_terms
 from walkerkit.gap.simulation.commands import Hold, driven_by_effort
 from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.mend import mend
@@ -366,8 +366,8 @@ def _flexible_score(problem: Problem) -> float:
     effects = [CATALOGUE[name] for name in _FLEXIBLE if name in CATALOGUE]
     terms = candidate_terms(effects, problem.robots, problem.joints)
     structure = Structure(terms, problem.robots)
-    (start,) = evaluate(problem.fit.objective, [(structure, structure.zero)])
-    problem.searched.look_at(start)
+    problem.searched.look_at(Case(structure=structure, values=structure.zero[None]))
     race = problem.race.objective
-    found = polished(race, [start], iterations=_FLEXIBLE_STEPS, certain=False)
+    start = evaluate(race, [(structure, structure.zero)])
+    found = polished(race, start, iterations=_FLEXIBLE_STEPS, certain=False)
     return float(weigh(problem, found).both[0])

@@ -32,7 +32,7 @@ def named_effects(
     if not final.structure.terms:
         return ()
     half = problem.whole if rounds[-1].whole else problem.fit
-    problem.searched.look_at(final)
+    problem.searched.look_at(final.case)
     problem.screen.refine(final)
     variance, sensitivity = covariance(
         half.objective, final, problem.noise, part=problem.screen.objective

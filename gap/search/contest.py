@@ -109,7 +109,7 @@ def contests(problem: Problem, tries: Tries, current: Fit) -> list[Contest]:
             fits[k] = one
     evidence = weigh(problem, [*fits, *(met.alone for met in entered)])
     return [
-        _held(
+        _decided(
             problem,
             met,
             fits[first:end],
@@ -135,7 +135,7 @@ def _entered(problem: Problem, tries: Tries, current: Fit, term: Term) -> _Enter
     )
 
 
-def _held(problem: Problem, met: _Entered, fits: Sequence[Fit], evidence: Evidence) -> Contest:
+def _decided(problem: Problem, met: _Entered, fits: Sequence[Fit], evidence: Evidence) -> Contest:
     """The contest of the fits, of which and of the others alone the evidence is."""
     own, channels = fits[0], len(problem.channels)
     places = range(len(met.rivals) + 1)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import INSENSITIVE, sensitivity
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
-from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.objective import Objective, consecutive
 from walkerkit.gap.search.slopes import (
     Slopes,
     linearised_each,
@@ -23,6 +23,7 @@ from walkerkit.gap.search.slopes import (
     normal_equations,
 )
 from walkerkit.gap.search.structure import Case, Fit, Structure
+from walkerkit.gap.simulation.side_by_side import advanced
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float], None]  # what is being done, and how far it is (0 to 1)
@@ -237,18 +238,9 @@ def _in_lock_step(objective: Objective, runs: Sequence[_Polishing]) -> list[tupl
     found: dict[int, tuple[Fit, Slopes]] = {}
     answers: dict[int, Any] = dict.fromkeys(range(len(runs)))
     while answers:
-        fits: dict[int, Fit] = {}
-        cases: dict[int, Case] = {}
-        for k, answer in answers.items():
-            try:
-                asked = runs[k].send(answer)
-            except StopIteration as stop:
-                found[k] = stop.value
-                continue
-            if isinstance(asked, Fit):
-                fits[k] = asked
-            else:
-                cases[k] = asked
+        asked = advanced(runs, answers, found)
+        fits = {k: one for k, one in asked.items() if isinstance(one, Fit)}
+        cases = {k: one for k, one in asked.items() if isinstance(one, Case)}
         answers = dict(zip(fits, linearised_each(objective, list(fits.values())), strict=True))
         answers.update(zip(cases, _residuals(objective, list(cases.values())), strict=True))
     return [found[k] for k in range(len(runs))]
@@ -283,17 +275,8 @@ def polished(
         return [found for found, _ in _in_lock_step(objective, runs)]
 
     def make() -> list[Fit]:
-        bytes_each = objective.measured.nbytes
-        groups: list[list[Fit]] = []
-        room = 0
-        for start in starts:
-            size = bytes_each * len(start.values)
-            if not groups or size > room:
-                groups.append([])
-                room = _KEPT
-            groups[-1].append(start)
-            room -= size
-        return [found for group in groups for found in some(group)]
+        sizes = [objective.measured.nbytes * len(start.values) for start in starts]
+        return [found for group in consecutive(sizes, _KEPT) for found in some(starts[group])]
 
     return _finished([(start.structure, start.values) for start in starts], make)
 

@@ -272,15 +272,7 @@ class Objective:
 
     def grouped(self, cases: Sequence[Case]) -> list[slice]:
         """Consecutive cases whose residuals fit into memory together."""
-        row_bytes = 8 * self.measured.size
-        groups, start, size = [], 0, 0
-        for i, case in enumerate(cases):
-            need = row_bytes * len(case.values)
-            if size and size + need > _MEMORY:
-                groups.append(slice(start, i))
-                start, size = i, 0
-            size += need
-        return [*groups, slice(start, len(cases))] if cases else []
+        return consecutive([self.measured.nbytes * len(case.values) for case in cases], _MEMORY)
 
     def mean_squares(self, cases: Sequence[Case]) -> list[FloatArray]:
         """(n, n_scored) mean square gaps a case, NaN for trials that diverged."""
@@ -332,6 +324,17 @@ class Objective:
         """(n_blocks, n_scored) measured samples."""
         present = np.isfinite(self.measured).astype(float)
         return np.stack([np.bincount(self.block, weights=column) for column in present.T], axis=1)
+
+
+def consecutive(sizes: Sequence[int], most: int) -> list[slice]:
+    """Groups of what follows each other, as large as they can be; what is too large is alone."""
+    groups, start, together = [], 0, 0
+    for i, size in enumerate(sizes):
+        if together and together + size > most:
+            groups.append(slice(start, i))
+            start, together = i, 0
+        together += size
+    return [*groups, slice(start, len(sizes))] if sizes else []
 
 
 def _side_by_side(objectives: Sequence[Objective], cases: Sequence[Case]) -> list[FloatArray]:

@@ -15,7 +15,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.excerpt import Gaps, representative, spread
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.structure import Fit, Structure
+from walkerkit.gap.search.structure import Case, Fit, Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
@@ -79,31 +79,27 @@ class Searched:
         part: makes a part of so many steps at most, in stretches of so many seconds, that holds its
             part of some gaps; `fit` itself where it is no longer.
         on_feet: the robot has a floating base.
+
+    Attributes:
+        race: what candidates are first fitted on.
+        screen: short parts, on which every effect is tried.
     """
 
     def __init__(self, fit: Half, part: Callable[[int, float, Gaps], Half], on_feet: bool):
         self._fit, self._part = fit, part
         self._race_steps = _RACE_STEPS_ON_FEET if on_feet else _RACE_STEPS
-        self._gaps = Gaps(rows={})
+        self._choose(Gaps(rows={}))
 
-    def look_at(self, current: Fit) -> None:
-        """Chooses them so that they hold their part of what a fit leaves."""
+    def look_at(self, case: Case) -> None:
+        """Chooses them so that they hold their part of what one row of values leaves."""
         if self.screen is self._fit:  # and so is the race
             return
         objective = self._fit.objective
-        self._gaps = Gaps.of(objective, objective.simulated([current.case])[0][0])
-        self.__dict__.pop("race", None)
-        self.__dict__.pop("screen", None)
+        self._choose(Gaps.of(objective, objective.simulated([case])[0][0]))
 
-    @cached_property
-    def race(self) -> Half:
-        """What candidates are first fitted on."""
-        return self._part(self._race_steps, _STRETCH, self._gaps)
-
-    @cached_property
-    def screen(self) -> Half:
-        """Short parts, on which every effect is tried."""
-        return self._part(_SCREEN_STEPS, _SCREEN_STRETCH, self._gaps)
+    def _choose(self, gaps: Gaps) -> None:
+        self.race = self._part(self._race_steps, _STRETCH, gaps)
+        self.screen = self._part(_SCREEN_STEPS, _SCREEN_STRETCH, gaps)
 
 
 @dataclass(frozen=True, kw_only=True)

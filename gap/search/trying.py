@@ -103,7 +103,7 @@ class Tries:
         stage = f"effect {count + 1}: {{}} {len(terms)} candidates"
         if self._progress:
             self._progress(stage.format("screening"), 0.0)
-        problem.searched.look_at(current)
+        problem.searched.look_at(current.case)
         for half in problem.parts:
             half.refine(current)
         promised, starts = finished(

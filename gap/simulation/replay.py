@@ -33,6 +33,7 @@ from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds
 from walkerkit.gap.simulation.robot import Joint, Robot
+from walkerkit.gap.simulation.side_by_side import advanced
 from walkerkit.gap.simulation.start import memory, rest, start_state
 from walkerkit.gap.simulation.together import Asked, Commanded, controlled, together
 from walkerkit.gap.simulation.trials import Trials
@@ -435,17 +436,9 @@ def predict_together(
     sent: dict[int, Any] = dict.fromkeys(range(len(runs)))
     waiting: dict[int, Asked] = {}
     while sent or waiting:
-        commanded = {}
-        for k, done in sent.items():
-            try:
-                asked = runs[k].send(done)
-            except StopIteration as stop:
-                predicted[k] = stop.value
-                continue
-            if isinstance(asked, Asked):
-                waiting[k] = asked
-            else:
-                commanded[k] = asked
+        asked = advanced(runs, sent, predicted)
+        waiting.update({k: one for k, one in asked.items() if isinstance(one, Asked)})
+        commanded = {k: one for k, one in asked.items() if isinstance(one, Commanded)}
         if commanded:
             sent = dict(zip(commanded, controlled(list(commanded.values())), strict=True))
         else:  # all that can be in one batch has been asked for

@@ -149,9 +149,6 @@ def controlled(commanded: Sequence[Commanded]) -> list[Controlled]:
     return [found[k] for k in range(len(commanded))]
 
 
-_Any = TypeVar("_Any", Asked, Commanded)
-
-
 def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
     """Does several rollouts, those that can be in one batch, the others side by side.
 
@@ -182,7 +179,12 @@ def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
     return [found[k] for k in range(len(asked))]
 
 
-def _grouped(asked: Sequence[_Any], alike: Callable[[_Any, _Any], bool]) -> list[list[int]]:
+_Either = TypeVar("_Either", Asked, Commanded)
+
+
+def _grouped(
+    asked: Sequence[_Either], alike: Callable[[_Either, _Either], bool]
+) -> list[list[int]]:
     """Indices of what can be in one batch."""
     groups: list[list[int]] = []
     for k, one in enumerate(asked):
