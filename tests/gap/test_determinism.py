@@ -16,26 +16,12 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from tests.gap.servo import SERVO
 from walkerkit import gap
 from walkerkit.actuators import DcMotorActuatorCfg, DelayedActuatorCfg
 from walkerkit.gap.recordings.recording import Recording
 
 EFFECTS = ("viscous_friction", "torque_bias")
-
-
-SERVO = """
-<mujoco>
-  <compiler angle="radian"/>
-  <option timestep="0.002" integrator="implicitfast"/>
-  <worldbody>
-    <body>
-      <joint name="knee" axis="0 1 0" armature="0.005" damping="0.1"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -0.25" size="0.02" mass="0.6"/>
-    </body>
-  </worldbody>
-  <actuator><position joint="knee" kp="30" kv="1"/></actuator>
-</mujoco>
-"""
 
 
 def test_products_are_on_one_thread_while_a_step_of_the_workflow_runs(tmp_path: Path) -> None:

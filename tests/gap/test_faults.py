@@ -18,25 +18,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.gap.servo import SERVO
 from walkerkit.gap import InputError, diagnose
 from walkerkit.gap.report.claim import CHECKPOINT, claimed
 from walkerkit.gap.search import evidence, fit, trying
 from walkerkit.gap.search.journal import Journal, digest, finished, packed, unpacked
 from walkerkit.walkers.batch import count_warnings, counted_warnings
 
-SERVO = """
-<mujoco model="servo">
-  <compiler angle="radian"/>
-  <option timestep="0.002" integrator="implicitfast"/>
-  <worldbody>
-    <body>
-      <joint name="knee" axis="0 1 0" armature="0.005" damping="0.1"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -0.25" size="0.02" mass="0.6"/>
-    </body>
-  </worldbody>
-  <actuator><position joint="knee" kp="30" kv="1"/></actuator>
-</mujoco>
-"""
 EFFECTS = ("viscous_friction", "command_delay")
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.gap.servo import SERVO
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.rehearsal.hardware import run_hardware
@@ -12,32 +13,18 @@ from walkerkit.gap.search.naming import name_effects
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.workflow import prepare
 
-ARM = """
-<mujoco model="arm">
-  <option timestep="0.001" integrator="implicitfast"/>
-  <worldbody>
-    <body>
-      <joint name="elbow" axis="0 1 0" armature="0.005" damping="0.1"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.5"/>
-    </body>
-  </worldbody>
-  <actuator>
-    <position joint="elbow" kp="30" kv="1"/>
-  </actuator>
-</mujoco>
-"""
 LIMIT, JUMP = 3.0, 2.6  # N·m, s
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+def servo(tmp_path_factory: pytest.TempPathFactory) -> Problem:
     """Slow waves, each with one jump of 0.4 rad, at which alone the hidden limit is met."""
-    model = tmp_path_factory.mktemp("arm") / "arm.xml"
-    model.write_text(ARM)
+    model = tmp_path_factory.mktemp("servo") / "servo.xml"
+    model.write_text(SERVO.replace("0.002", "0.001"))
     time = np.arange(0.0, 6.0, 1 / 250)
     jump = 0.4 * ((time > JUMP) & (time < JUMP + 0.3))
     targets = [(0.2 * np.sin(w * time) + jump)[:, None] for w in (1.0, 1.3, 1.7)]
-    hidden = HiddenEffect(effect="effort_limit", joints=("elbow",), values={"forcerange": LIMIT})
+    hidden = HiddenEffect(effect="effort_limit", joints=("knee",), values={"forcerange": LIMIT})
     logs = run_hardware(model, targets, rate=250.0, hidden=[hidden], seed=0)
     return prepare(load_experiments(model, logs), window=0.5, n_threads=1).problem("zero_order")
 
@@ -50,23 +37,23 @@ def looks_at_the_jump(problem: Problem) -> bool:
     )
 
 
-def test_it_holds_what_is_rare(arm: Problem) -> None:
-    assert not looks_at_the_jump(arm)
-    (nothing,) = evaluate(arm.fit.objective, [(arm.nothing, np.zeros(0))])
-    arm.searched.look_at(nothing)
-    rare = arm.screen
-    assert looks_at_the_jump(arm)
-    arm.searched.look_at(nothing)
-    assert arm.screen is rare
+def test_it_holds_what_is_rare(servo: Problem) -> None:
+    assert not looks_at_the_jump(servo)
+    (nothing,) = evaluate(servo.fit.objective, [(servo.nothing, np.zeros(0))])
+    servo.searched.look_at(nothing.case)
+    rare = servo.screen
+    assert looks_at_the_jump(servo)
+    servo.searched.look_at(nothing.case)
+    assert servo.screen is rare
 
 
-def test_what_is_rare_is_named(arm: Problem) -> None:
+def test_what_is_rare_is_named(servo: Problem) -> None:
     effects = [CATALOGUE[name] for name in ("viscous_friction", "effort_limit", "slew_limit")]
-    final = name_effects(arm, effects)[-1].fit
+    final = name_effects(servo, effects)[-1].fit
     assert [term.effect.name for term in final.structure.terms] == ["effort_limit"]
     assert final.values[0] == pytest.approx(LIMIT, rel=0.02)
 
 
-def test_what_is_no_longer_is_searched_whole(arm: Problem) -> None:
-    assert arm.race is arm.fit
-    assert arm.screen is not arm.fit
+def test_what_is_no_longer_is_searched_whole(servo: Problem) -> None:
+    assert servo.race is servo.fit
+    assert servo.screen is not servo.fit
