@@ -15,12 +15,13 @@ import numpy as np
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.certainty import certainty
 from walkerkit.gap.search.evidence import Evidence, weigh
-from walkerkit.gap.search.fit import evaluate, polished
+from walkerkit.gap.search.fit import evaluate, fit, polished
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned
+from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.slopes import linearised
-from walkerkit.gap.search.structure import Fit, carried, merged
+from walkerkit.gap.search.structure import Fit, candidate_terms, carried, merged
 from walkerkit.gap.search.worth import much_is_lost, worth_it
 
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
@@ -98,8 +99,15 @@ def at_floor(problem: Problem, current: Fit, base: Evidence) -> bool:
     )
 
 
-def kept(problem: Problem, current: Fit, added: Sequence[Effect]) -> Fit:
-    """The fit with the added effects where they are needed, and others while they still are."""
+def kept(problem: Problem, current: Fit, added: Sequence[Effect], effects: Sequence[Effect]) -> Fit:
+    """The fit with the added effects where they are needed, and others while they still are.
+
+    Args:
+        problem: what is to be explained.
+        current: the fit.
+        added: those of its effects that are new.
+        effects: the catalogue.
+    """
     one_each = merged(current.structure)
     values = carried(current.values, current.structure, one_each)
     current = replace(current, structure=one_each, values=values)
@@ -108,7 +116,7 @@ def kept(problem: Problem, current: Fit, added: Sequence[Effect]) -> Fit:
     for effect in added:
         term = next(term for term in current.structure.terms if term.effect is effect)
         current = places_needed(problem, current, term)
-    return _without_the_uncertain(problem, _without_the_needless(problem, current))
+    return _without_the_uncertain(problem, _without_the_needless(problem, current), effects)
 
 
 def _without_the_needless(problem: Problem, current: Fit) -> Fit:
@@ -126,8 +134,12 @@ def _without_the_needless(problem: Problem, current: Fit) -> Fit:
     return current
 
 
-def _without_the_uncertain(problem: Problem, current: Fit) -> Fit:
-    """The fit of several effects without those none of whose values is known to be there."""
+def _without_the_uncertain(problem: Problem, current: Fit, effects: Sequence[Effect]) -> Fit:
+    """The fit of several effects without those none of whose values is known to be there.
+
+    Two effects that can do the same leave each other's values open, though something of them is
+    there: one of them becomes an effect that it generalises, where that explains as much.
+    """
     while len(current.structure.terms) > 1:
         (one,) = evaluate(problem.fit.objective, [(current.structure, current.values)])
         objective, part = problem.fit.objective, problem.screen.objective
@@ -142,7 +154,35 @@ def _without_the_uncertain(problem: Problem, current: Fit) -> Fit:
         if least is None or known[least] >= _CERTAIN:
             break
         (smaller,) = refit(problem, current, [current.structure.without_term(least)])
-        if much_is_lost(weigh(problem, [smaller, current]), 1):
+        evidence, count = weigh(problem, [smaller, current]), len(current.structure.terms)
+        lost = much_is_lost(evidence, 1)
+        plainer = None
+        if lost or worth_it(problem, evidence, 1, effects=count):
+            plainer = _in_plainer_terms(problem, current, effects)
+        if plainer is None and lost:
             break
-        current = smaller
+        current = plainer or smaller
     return current
+
+
+def _in_plainer_terms(problem: Problem, current: Fit, effects: Sequence[Effect]) -> Fit | None:
+    """The fit with an effect in place of a generalisation of it, or None where each loses by it."""
+    objective, terms = problem.race.objective, current.structure.terms
+    present = {term.effect.name for term in terms}
+    starts = []
+    for term in terms:
+        named = [e for e in effects if e.name in term.effect.extends and e.name not in present]
+        others = current.structure.without_term(term)
+        values = carried(current.values, current.structure, others)
+        (without,) = evaluate(objective, [(others, values)])
+        for plain in candidate_terms(named, problem.robots, problem.joints):
+            sites = tuple(site for site in plain.sites if site in term.sites)
+            if sites:
+                shared = plain.shared and term.shared
+                starts += screen(objective, without, [replace(plain, sites=sites, shared=shared)])
+    if not starts:
+        return None
+    fits = [*fit(objective, starts, iterations=_REFITS)]
+    evidence = weigh(problem, [current, *fits])
+    as_good = [k for k in range(len(fits)) if not worth_it(problem, evidence, 0, base=k + 1)]
+    return min((fits[k] for k in as_good), key=lambda one: one.score, default=None)

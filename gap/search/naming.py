@@ -100,7 +100,7 @@ def name_effects(
             current, base = grown
             continue
         met = contests(problem, tries, current)
-        exchanged = _exchanged(problem, base, met) if exchanges < _MOST_EXCHANGES else None
+        exchanged = _exchanged(problem, tries, base, met) if exchanges < _MOST_EXCHANGES else None
         if exchanged is None:
             break
         exchanges += 1
@@ -171,7 +171,7 @@ def _grown(
         if winner is None:
             break
         added = fits[winner].structure.terms[len(current.structure.terms) :]
-        found = kept(problem, fits[winner], [term.effect for term in added])
+        found = kept(problem, fits[winner], [term.effect for term in added], tries.effects)
         if not tries.known(found.structure):
             found, own = settled(problem, found)
             effects = len(found.structure.terms)
@@ -184,7 +184,7 @@ def _grown(
 
 
 def _exchanged(
-    problem: Problem, base: Evidence, contests: Sequence[Contest]
+    problem: Problem, tries: Tries, base: Evidence, contests: Sequence[Contest]
 ) -> tuple[Fit, Evidence] | None:
     """A fit with a better effect in another's place, or None where none holds.
 
@@ -195,7 +195,7 @@ def _exchanged(
     for better in sorted(every, key=lambda one: one.score):
         known = better.than.structure.terms
         added = [term.effect for term in better.fit.structure.terms if term not in known]
-        found, evidence = settled(problem, kept(problem, better.fit, added))
+        found, evidence = settled(problem, kept(problem, better.fit, added, tries.effects))
         both = Evidence.joined([base, evidence])
         if (
             both.both[1] < both.both[0]

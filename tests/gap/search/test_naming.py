@@ -325,8 +325,30 @@ def test_what_only_the_fitted_recordings_show_stays(tmp_path: Path) -> None:
     terms = candidate_terms(effects, leg.robots, leg.joints)
     structure = Structure(terms, leg.robots)
     both = fit(leg.fit.objective, evaluate(leg.fit.objective, [(structure, structure.zero)]))
-    found = keeping.kept(leg, both[0], [])
+    found = keeping.kept(leg, both[0], [], effects)
     assert [term.effect for term in found.structure.terms] == effects
+
+
+def test_effects_that_can_do_the_same_become_what_one_of_them_generalises(problem: Make) -> None:
+    hidden = (
+        hide("torque_bias", "knee", bias=0.3),
+        hide("coulomb_friction", "knee", frictionloss=0.15),
+    )
+    leg = problem(*hidden)
+    alike = [CATALOGUE[name] for name in ("torque_bias", "asymmetric_friction")]
+    terms = [
+        replace(term, sites=("knee",)) for term in candidate_terms(alike, leg.robots, leg.joints)
+    ]
+    structure = Structure(tuple(terms), leg.robots)
+    # The bias is 0.3 and the friction 0.15, or 0.25 and 0.2 one way and 0.1 the other, and so on.
+    (either,) = evaluate(leg.fit.objective, [(structure, np.array([0.25, 0.1, 0.2]))])
+    plain = CATALOGUE["coulomb_friction"]
+    kept = keeping.kept(leg, either, [], [*alike, plain])
+    assert [term.effect for term in kept.structure.terms] == [alike[0], plain]
+    np.testing.assert_allclose(kept.values, [0.3, 0.15], rtol=0.1)
+    # Nobody may name what is not in the catalogue.
+    kept = keeping.kept(leg, either, [], alike)
+    assert {term.effect for term in kept.structure.terms} <= set(alike)
 
 
 def test_what_whole_rollouts_say_is_the_gap_that_is_told(problem: Make) -> None:
