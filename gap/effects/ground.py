@@ -23,6 +23,7 @@ _COARSE = 5.0
 _LEAST_FRICTION = 1e-5  # MuJoCo takes no less
 _HARDEST = 2.0  # timesteps; MuJoCo's contacts are no faster
 _SOFTEST = 0.5  # s
+_LOWEST, _HIGHEST = 0.02, 0.9999  # impedance; MuJoCo takes no more
 
 
 class GroundEffect(Effect):
@@ -89,20 +90,38 @@ class GroundFriction(GroundEffect):
 
 
 class GroundCompliance(GroundEffect):
-    """The ground gives way more softly, or less, than the model says."""
+    """The ground gives way more softly, or less, than the model says.
+
+    A contact of time constant T and impedance d leaves a foot 1 − d of what else acts on it, and
+    adds a spring: a mass stands (1 − d) g T² deep. With d near 1, as is usual, only a long T is
+    soft, and slow; what is soft and answers as fast as a real spring has a small d.
+    """
 
     name = "ground_compliance"
     equation = (
-        "contacts as springs of time constant T + ΔT at their damping ratio, ΔT: timeconst [s]"
+        "contacts as springs of time constant T + ΔT at their damping ratio, of impedance d + Δd; "
+        "ΔT: timeconst [s], Δd: impedance [1]"
     )
     symptom = "at touch-down, and as loads shift between feet"
-    added_as = "geom solref, of robot and ground"
+    added_as = "geom solref and solimp, of robot and ground"
     source = "MuJoCo XML reference, geom/solref; computation chapter, solver parameters"
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
-        """The time constant to add."""
-        least = float(self._sizes(robot.model).min())
-        room = max(least - _HARDEST * float(robot.model.opt.timestep), 0.0)
+        """The time constant and the impedance to add."""
+        model = robot.model
+        least = float(self._sizes(model).min())
+        room = max(least - _HARDEST * float(model.opt.timestep), 0.0)
+        impedance = _impedance(model)
+        soft, hard = float(impedance.min()), float(impedance.max())
+        # Slower, softer and harder springs.
+        starts = [
+            *([(-0.5 * room, 0.0), (-0.5 * room, -0.6 * soft)] if room else []),
+            *((part * least, 0.0) for part in (0.25, 0.5, 1.0, 1.5, 2.5, 4.0, 7.0)),
+            *((0.0, -part * soft) for part in (0.03, 0.1, 0.25, 0.5)),
+            *((least, -part * soft) for part in (0.25, 0.5)),
+            (0.0, 0.5 * (_HIGHEST - hard)),
+        ]
+        slower, softer = zip(*starts, strict=True)
         return (
             Parameter(
                 name="timeconst",
@@ -110,32 +129,48 @@ class GroundCompliance(GroundEffect):
                 lower=-0.9 * room,
                 upper=max(_SOFTEST, 10 * least),
                 scale=_COARSE * least,
-                starts=(
-                    *((-0.5 * room,) if room else ()),
-                    *(part * least for part in (0.25, 0.5, 1.0, 1.5, 2.5, 4.0, 7.0)),
-                ),
+                starts=slower,
+            ),
+            Parameter(
+                name="impedance",
+                unit="",
+                lower=min(_LOWEST - soft, 0.0),
+                upper=max(_HIGHEST - hard, 0.0),
+                scale=_COARSE * 0.2 * soft,
+                starts=softer,
             ),
         )
 
     def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
-        """Adds to the time constants in `geom_solref` and `pair_solref`."""
+        """Adds to the time constants in `solref` and to the impedances in `solimp`."""
         ground = Ground(trials.robot.model)
         for name, ids in (("geom", ground.geoms), ("pair", ground.pairs)):
             solref = trials.field(f"{name}_solref")
             own = solref[:, ids]
             constant = _time_constant(own)
-            softer = np.maximum(constant + values, 0.01 * constant)
+            softer = np.maximum(constant + values[:, :1], 0.01 * constant)
             ratio = constant / softer
             # Stiffness and damping are per unit of mass: 1/(T ζ)² and 2/T, negative.
             direct = np.stack([own[..., 0] * ratio**2, own[..., 1] * ratio], axis=-1)
             standard = np.stack([softer, own[..., 1]], axis=-1)
             solref[:, ids] = np.where(own[..., :1] > 0, standard, direct)
+            solimp = trials.field(f"{name}_solimp")
+            both = solimp[:, ids, :2]
+            least, most = np.minimum(both, _LOWEST), np.maximum(both, _HIGHEST)
+            solimp[:, ids, :2] = np.clip(both + values[:, 1:, None], least, most)
 
     @staticmethod
     def _sizes(model: mujoco.MjModel) -> FloatArray:
         ground = Ground(model)
         solref = [model.geom_solref[ground.geoms], model.pair_solref[ground.pairs]]
         return _time_constant(np.concatenate(solref))
+
+
+def _impedance(model: mujoco.MjModel) -> FloatArray:
+    """(n_contacts, 2) at the surface and deeper."""
+    ground = Ground(model)
+    solimp = [model.geom_solimp[ground.geoms, :2], model.pair_solimp[ground.pairs, :2]]
+    return np.concatenate(solimp)
 
 
 def _time_constant(solref: FloatArray) -> FloatArray:

@@ -283,7 +283,7 @@ _WRITERS: Mapping[str, Writer] = {
     **{
         f"{element}_{name}": _contact_writer(f"{element}s", name)
         for element in ("geom", "pair")
-        for name in ("friction", "solref")
+        for name in ("friction", "solref", "solimp")
     },
     **{
         f"actuator_{name}": _actuator_writer(name)

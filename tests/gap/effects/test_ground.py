@@ -95,22 +95,23 @@ class TestGroundCompliance(EffectContract):
         model = machine.model
         model.geom("floor").priority = 7
         model.geom("floor").solref = (-144.0, -24.0)
-        return {EVERYWHERE: [1 / 12 - 0.02]}
+        model.geom("floor").solimp[:2] = (0.6, 0.65)
+        return {EVERYWHERE: [1 / 12 - 0.02, -0.3]}
 
 
 @pytest.mark.parametrize("make", [slippery, lambda: awkward_table(0.1)])
 @pytest.mark.parametrize(
-    ("name", "value"), [("ground_friction", -0.03), ("ground_compliance", 0.03)]
+    ("name", "values"), [("ground_friction", [-0.03]), ("ground_compliance", [0.03, -0.2])]
 )
-def test_every_contact_changes_by_just_that(name, value, make):
+def test_every_contact_changes_by_just_that(name, values, make):
     robot, _ = make()
     trials = Trials(robot, 1)
-    CATALOGUE[name].apply(trials, EVERYWHERE, np.array([[value]]))
+    CATALOGUE[name].apply(trials, EVERYWHERE, np.array([values]))
     seen = []
     for fields in ({}, trials.fields):
         model = robot.spec.copy().compile()
-        for field, values in fields.items():
-            getattr(model, field)[:] = values[0]
+        for field, changed in fields.items():
+            getattr(model, field)[:] = changed[0]
         data = mujoco.MjData(model)
         data.qpos[2] -= 0.001
         mujoco.mj_forward(model, data)
@@ -118,9 +119,39 @@ def test_every_contact_changes_by_just_that(name, value, make):
         assert len(feet) == 4
         solref = data.contact.solref[feet]
         constant = np.where(solref[:, 0] > 0, solref[:, 0], -2 / solref[:, 1])
-        sliding = data.contact.friction[feet, :2].ravel()
-        seen.append(sliding if name == "ground_friction" else constant)
-    np.testing.assert_allclose(seen[1] - seen[0], value, atol=1e-12)
+        impedance = data.contact.solimp[feet, :2]
+        sliding = data.contact.friction[feet, :2]
+        seen.append([sliding] if name == "ground_friction" else [constant, impedance])
+    for before, after, value in zip(*seen, values, strict=True):
+        np.testing.assert_allclose(after - before, value, atol=1e-12)
+
+
+def test_a_foot_sinks_as_on_a_damped_spring():
+    text = (
+        "<mujoco><option timestep='1e-4'/><default><geom solimp='0.9 0.9 0.001'/></default>"
+        "<worldbody><geom type='plane' size='0 0 1'/><body pos='0 0 0.05'>"
+        "<joint name='lift' type='slide' axis='0 0 1'/><geom size='0.05' mass='2'/></body>"
+        "</worldbody></mujoco>"
+    )
+    robot = robot_from_spec(mujoco.MjSpec.from_string(text), "foot.xml")
+    constant, impedance = 0.015, 0.2
+    trials = Trials(robot, 1)
+    change = np.array([[constant - 0.02, impedance - 0.9]])
+    CATALOGUE["ground_compliance"].apply(trials, EVERYWHERE, change)
+    model = robot.spec.copy().compile()
+    for field, values in trials.fields.items():
+        getattr(model, field)[:] = values[0]
+    data = mujoco.MjData(model)
+    time, depth = [], []
+    while data.time < 0.1:
+        mujoco.mj_step(model, data)
+        time.append(data.time)
+        depth.append(-data.qpos[0])
+    # A share 1 - d of the weight on a critically damped spring of time constant T, m δ" = …
+    passed = np.array(time) / constant
+    deepest = (1 - impedance) * 9.81 * constant**2
+    expected = deepest * (1 - (1 + passed) * np.exp(-passed))
+    np.testing.assert_allclose(depth, expected, atol=0.01 * deepest)
 
 
 def test_only_what_can_touch_the_ground_is_ground():
