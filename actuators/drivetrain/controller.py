@@ -72,7 +72,9 @@ class SlewLimit(DrivetrainLaw):
         before = first(state["target"], step.target)
         most = p["rate"] * step.dt
         way = step.target - before
-        step.target = before + clipped(way, -most, most)
+        # Exactly where it is wanted, where that is near enough.
+        reached = before + clipped(way, -most, most)
+        step.target = np.where(np.abs(way) <= most, step.target, reached)
         step.target_ahead = np.where(np.abs(way) < most, step.target_ahead, 0.0)
         state["target"] = step.target
 
@@ -106,8 +108,9 @@ class SampleAndHold(DrivetrainLaw):
         before = np.where(before < same, 0.0, np.where(before > 1.0 - same, 1.0, before))
         state["target"] = np.where(before < 1.0, step.target, held)
         mean = (1.0 - before) * step.target + before * held
-        start = np.where(before > SOON, held, step.target + step.target_ahead)
-        step.target, step.target_ahead = mean, start - mean
+        prompt = (step.target - mean) + step.target_ahead
+        step.target_ahead = np.where(before > SOON, held - mean, prompt)
+        step.target = mean
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +138,9 @@ class ControllerDeadband(DrivetrainLaw):
         within = np.minimum(high, p["width"]) - np.maximum(low, -p["width"])
         lost = clipped(within / (high - low), 0.0, 1.0) * error
         start = error + step.target_ahead
-        step.target_ahead = lost + np.where(np.abs(start) < p["width"], 0.0, start) - error
+        step.target_ahead = step.target_ahead + (
+            lost - np.where(np.abs(start) < p["width"], start, 0.0)
+        )
         step.target = step.target - lost
 
 

@@ -158,8 +158,8 @@ class SupplySag(DrivetrainLaw):
         power = np.abs(step.effort * step.qd).sum(axis=-1, keepdims=True)
         left = np.maximum(1.0 - p["sag"] * power, 0.0)
         # Where there is no limit there is none to fall; 0 · ∞ would say otherwise.
-        limit = np.where(np.isfinite(step.limit), step.limit, 0.0) * left
-        limit = np.where(np.isfinite(step.limit), limit, np.inf)
+        falls = np.isfinite(step.limit) & (p["sag"] > 0)
+        limit = np.where(falls, np.where(falls, step.limit, 0.0) * left, np.inf)
         _limit(step, -limit, limit)
 
 
@@ -183,6 +183,8 @@ class QuadraticDrag(DrivetrainLaw):
 
 
 def _limit(step: Step, low: FloatArray, high: FloatArray) -> None:
-    start = clipped(step.effort + step.effort_ahead, low, high)
-    step.effort = clipped(step.effort, low, high)
-    step.effort_ahead = start - step.effort
+    start = step.effort + step.effort_ahead
+    limited, effort = clipped(start, low, high), clipped(step.effort, low, high)
+    same = (limited == start) & (effort == step.effort)
+    step.effort_ahead = np.where(same, step.effort_ahead, limited - effort)
+    step.effort = effort

@@ -127,6 +127,14 @@ class DriveForces:
             setattr(forces, name, np.concatenate(each))
         return forces
 
+    def some(self, rows: NDArray[np.intp]) -> DriveForces:
+        """The drives of some of the simulations."""
+        forces, n_sims = copy(self), len(self.stiffness)
+        for name in _OF_EACH:
+            values = getattr(self, name)
+            setattr(forces, name, values[rows] if len(values) == n_sims else values)
+        return forces
+
     def targets(self, ctrl: FloatArray) -> FloatArray:
         """The targets that controls ask for, (..., n_joints); 0 where there is no drive.
 

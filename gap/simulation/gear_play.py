@@ -237,21 +237,23 @@ def loads(
     """
     known: dict[bytes, FloatArray] = {}
     found = []
+    model = copy.copy(trials.robot.model)
+    data = mujoco.MjData(model)
     for row in range(trials.n):
         own = {name: values[row] for name, values in trials.fields.items()}
         key = b"".join(values.tobytes() for values in own.values())
         if key not in known:
-            model = copy.copy(trials.robot.model)
             for name, value in own.items():
                 model_field(model, name)[...] = value
             floats = trials.robot.base is not None
-            known[key] = _loads(model, floats, played, joints, state, driven)
+            known[key] = _loads(model, data, floats, played, joints, state, driven)
         found.append(known[key])
     return np.stack(found)
 
 
 def _loads(
     model: mujoco.MjModel,
+    data: mujoco.MjData,
     floats: bool,
     played: Sequence[Joint],
     joints: Sequence[Joint],
@@ -259,7 +261,7 @@ def _loads(
     driven: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
     """(n_segments, n_played) as `loads`, of one variant."""
-    data = rest(model)
+    rest(model, data)
     at, dofs = [joint.qpos for joint in joints], [joint.dof for joint in joints]
     plays = [joint.play.dof for joint in played if joint.play]
     found = []

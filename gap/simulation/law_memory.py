@@ -67,6 +67,15 @@ class Past:
             integral=np.concatenate(integral) if integral else None,
         )
 
+    def some(self, rows: NDArray[np.intp]) -> Past:
+        """What some of the simulations saw."""
+        return Past(
+            ctrl=self.ctrl[rows],
+            q=self.q[rows],
+            qd=self.qd[rows],
+            integral=None if self.integral is None else self.integral[rows],
+        )
+
 
 def measured_past(
     segments: Sequence[Segment],

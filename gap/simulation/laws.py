@@ -99,6 +99,20 @@ class Laws:
         laws.stepwise = cls._joined([(part.stepwise, part.shape) for part in parts])
         return laws
 
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """(n_sims, n_laws) which of the laws that are run step by step act in which simulations."""
+        return np.stack([law.acting(p).any(axis=1) for law, p in self.stepwise], axis=1)
+
+    def some(self, rows: NDArray[np.intp]) -> Laws:
+        """The laws of some of the simulations, those that act in them."""
+        laws = copy(self)
+        laws.forces = self.forces.some(rows)
+        laws.shape = laws.forces.stiffness.shape
+        laws.of_targets = _acting(self.of_targets, rows)
+        laws.stepwise = _acting(self.stepwise, rows)
+        return laws
+
     @staticmethod
     def _joined(
         parts: Sequence[tuple[Sequence[_Law], tuple[int, int]]],
@@ -189,3 +203,8 @@ class Laws:
         for k in range(effort.shape[1]):
             found[:, k] = self.forces.ahead(effort[:, k], ctrl[:, k, self.forces.ctrl], ahead[:, k])
         return found
+
+
+def _acting(laws: Sequence[_Law], rows: NDArray[np.intp]) -> list[_Law]:
+    some = [(law, {name: values[rows] for name, values in of.items()}) for law, of in laws]
+    return [(law, numbers) for law, numbers in some if law.acting(numbers).any()]

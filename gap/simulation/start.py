@@ -21,11 +21,19 @@ _SETTLED, _LONGEST = 10, 1.0  # time constants; s
 _HISTORY_HEAD = 2  # numbers before the times and values of a history
 
 
-def rest(model: mujoco.MjModel) -> mujoco.MjData:
-    """The model at rest in its first keyframe, or in its reference pose where it has none."""
-    data = mujoco.MjData(model)
+def rest(model: mujoco.MjModel, data: mujoco.MjData | None = None) -> mujoco.MjData:
+    """The model at rest in its first keyframe, or in its reference pose where it has none.
+
+    Args:
+        model: the model.
+        data: of the model, or of another of the same sizes, to be used again; new by default.
+    """
+    if data is None:
+        data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
+    else:
+        mujoco.mj_resetData(model, data)
     data.qvel[:] = 0
     data.time = 0
     return data

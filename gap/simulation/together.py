@@ -25,13 +25,15 @@ from walkerkit.gap.simulation.law_memory import Past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.steploop import rollout_with_laws
 from walkerkit.gap.simulation.trials import model_field
+from walkerkit.gap.simulation.workers import side_by_side
 from walkerkit.walkers.batch import LockStep, Rollout
 
 FloatArray = NDArray[np.float64]
 Done = tuple[Rollout, FloatArray | None]
 Controlled = tuple[FloatArray, FloatArray | None]
 
-_WORTH_THREADS = 64  # simulations, stepped one by one
+_WORTH_PROCESSES = 20_000  # steps of all simulations, with laws
+_FEWEST = 6  # simulations of a process
 _LENGTH_RATIO = 0.8  # of the shortest to the longest of a batch, about
 _BATCH_BYTES = 2**29  # of what is kept of all that run together
 
@@ -47,7 +49,7 @@ class Asked:
         ctrl: (n_sims, n_steps, nu) controls as the drives receive them.
         applied: (n_sims, n_steps, nv) effort applied beside them, or None.
         record: fields to keep after every step.
-        n_threads: threads of the simulation, 0 for all cores.
+        n_threads: threads of the simulation, or processes where there are laws, 0 for all cores.
         laws: laws that are run step by step, or None.
         time: (n_sims,) of the first step, by the robot's clock [s].
         ahead: as `rollout_with_laws` takes it.
@@ -83,20 +85,57 @@ class Asked:
         row = model.nq + 2 * model.nv + model.nu
         return int(8 * self.n_sims * self.n_steps * row)
 
+    @property
+    def processes(self) -> int:
+        """How many do it: laws of Python's cannot run side by side in one."""
+        if self.laws is None or self.n_sims * self.n_steps < _WORTH_PROCESSES:
+            return 1
+        return max(min(self.n_threads or os.cpu_count() or 1, self.n_sims // _FEWEST), 1)
+
     def batch(self) -> LockStep:
         """Its simulations."""
-        few = self.laws is not None and self.n_sims < _WORTH_THREADS
         return LockStep(
             self.model,
             self.n_sims,
             fields=self.fields,
             # Threads would wait for each other in every step.
-            n_threads=1 if few else self.n_threads,
+            n_threads=self.n_threads if self.laws is None else 1,
             only_rollouts=self.laws is None,
         )
 
     def alone(self) -> Done:
         """What was recorded, and what the laws changed, as `rollout_with_laws` returns them."""
+        if self.laws is None or self.processes == 1:
+            return self.here()
+        # What has the same laws stays together, so that each process runs few.
+        places = np.array_split(np.lexsort(self.laws.present.T), self.processes)
+        parts = [self._some(rows) for rows in places]
+        rollouts, changes = zip(*side_by_side(Asked.here, parts), strict=True)
+        back = np.argsort(np.concatenate(places))
+        records = {
+            name: np.concatenate([one.records[name] for one in rollouts])[back]
+            for name in self.record
+        }
+        failed = np.concatenate([one.failed for one in rollouts])[back]
+        changed = _or_nothing(changes, parts)
+        return Rollout(records=records, failed=failed), None if changed is None else changed[back]
+
+    def _some(self, rows: NDArray[np.intp]) -> Asked:
+        """Some of the simulations."""
+        return replace(
+            self,
+            fields={name: values[rows] for name, values in self.fields.items()},
+            state=self.state[rows],
+            ctrl=self.ctrl[rows],
+            applied=None if self.applied is None else self.applied[rows],
+            laws=None if self.laws is None else self.laws.some(rows),
+            time=self.time[rows],
+            ahead=None if self.ahead is None else self.ahead[rows],
+            past=None if self.past is None else self.past.some(rows),
+        )
+
+    def here(self) -> Done:
+        """As `alone`, all in this process."""
         if self.laws is None:
             rollout = self.batch().rollout(
                 self.state, ctrl=self.ctrl, qfrc_applied=self.applied, record=self.record
@@ -154,7 +193,7 @@ def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
 
     Args:
         asked: the rollouts.
-        n_threads: threads for all of them, 0 for all cores.
+        n_threads: threads or processes for all of them, 0 for all cores.
 
     Returns:
         What each left behind.
@@ -162,20 +201,21 @@ def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
     if not asked:
         return []
     groups = _grouped(asked, _alike)
-    if len(groups) == 1:
-        joined = replace(_joined(asked), n_threads=n_threads)
-        return _apart(joined.alone(), asked)
+    joined = [replace(_joined([asked[k] for k in some]), n_threads=n_threads) for some in groups]
+    done: dict[int, Done] = {}
+    small = [k for k, one in enumerate(joined) if one.processes == 1]
+    if len(small) > 1:
+        # While one is in MuJoCo, another's laws run.
+        with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
+            # Each with the context of this thread, where warnings are counted.
+            futures = [pool.submit(copy_context().run, joined[k].alone) for k in small]
+            done.update(zip(small, [future.result() for future in futures], strict=True))
+    for k in range(len(joined)):
+        if k not in done:
+            done[k] = joined[k].alone()
     found: dict[int, Done] = {}
-    # While one is in MuJoCo, another's laws run.
-    with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
-        # Each with the context of this thread, where warnings are counted.
-        done = [
-            (group, pool.submit(copy_context().run, _joined([asked[k] for k in group]).alone))
-            for group in groups
-        ]
-        for group, future in done:
-            members = [asked[k] for k in group]
-            found.update(zip(group, _apart(future.result(), members), strict=True))
+    for k, group in enumerate(groups):
+        found.update(zip(group, _apart(done[k], [asked[i] for i in group]), strict=True))
     return [found[k] for k in range(len(asked))]
 
 

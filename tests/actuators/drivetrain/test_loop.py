@@ -64,10 +64,14 @@ def wandering(n_steps, n=2, seed=3):
 def test_a_neutral_law_does_nothing(name):
     law = LAWS[name]
     u, q, tau = wandering(50), wandering(50, seed=1), wandering(50, seed=2)
-    series = {"target": u, "q": q, "qd": 3 * tau, "effort": tau, "damping": 1 + 0 * tau}
+    ahead = {"target_ahead": wandering(50, seed=4), "effort_ahead": wandering(50, seed=5)}
+    series = {"target": u, "q": q, "qd": 3 * tau, "effort": tau, "damping": 1 + 0 * tau, **ahead}
+    series["limit"] = np.full_like(tau, np.abs(tau).max())
     for k, step in enumerate(run(law, law.neutral, series)):
         np.testing.assert_array_equal(step.target, u[k])
         np.testing.assert_array_equal(step.effort, tau[k])
+        np.testing.assert_array_equal(step.target_ahead, ahead["target_ahead"][k])
+        np.testing.assert_array_equal(step.effort_ahead, ahead["effort_ahead"][k])
         np.testing.assert_array_equal(step.extra, 0.0)
         np.testing.assert_array_equal(step.friction, 0.0)
 
