@@ -9,10 +9,12 @@ from walkerkit.actuators.drivetrain.controller import (
     SampleAndHold,
     SetpointFilter,
 )
-from walkerkit.actuators.drivetrain.drive import Cogging
+from walkerkit.actuators.drivetrain.drive import Cogging, SupplySag
 from walkerkit.actuators.drivetrain.friction import LoadDependentFriction
+from walkerkit.actuators.drivetrain.loop_delay import LoopDelay
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.simulation import together as module
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.replay import Replay, predict_together
 from walkerkit.gap.simulation.together import Asked
@@ -117,3 +119,40 @@ def test_controllers_of_several_robots_run_as_one(monkeypatch: pytest.MonkeyPatc
     assert counts == [4, 2]  # the third is much shorter
     for one, variants, found in zip(replays, tried, together, strict=True):
         np.testing.assert_array_equal(found, one.predict(variants))
+
+
+@pytest.mark.parametrize(
+    "laws",
+    [
+        [(Cogging, {"amplitude": 0.3, "periods": 4.0})],
+        [(IntegralAction, {"gain": 20.0}), (LoadDependentFriction, {"coefficient": 0.1})],
+        # The drive's report is touched in some simulations only.
+        [(LoopDelay, {"delay": 0.0034}), (SupplySag, {"sag": 0.05}), (Cogging, {"amplitude": 0.1})],
+    ],
+)
+def test_processes_find_what_one_finds(monkeypatch: pytest.MonkeyPatch, laws) -> None:
+    monkeypatch.setattr(module, "_WORTH_PROCESSES", 1)
+    monkeypatch.setattr(module, "_FEWEST", 1)
+    replays = [replay(0), replay(1, kp=90)]
+    tried = []
+    for one in replays:
+        found = Trials(one.robot, 2 * len(laws) + 1)
+        found.field("dof_damping")[:, 0] = np.linspace(0.1, 0.3, found.n)
+        for k, (law, parameters) in enumerate(laws):
+            for name, value in parameters.items():
+                found.law(law, "hip")[name][[k, k + len(laws)]] = [value, 2 * value]
+        tried.append(found)
+    shares: list[int] = []
+    side_by_side = module.side_by_side
+
+    def counted(function, jobs):
+        shares.append(len(jobs))
+        return side_by_side(function, jobs)
+
+    monkeypatch.setattr(module, "side_by_side", counted)
+    alone, *others = (predict_together(replays, tried, n) for n in (1, 2, 3))
+    assert shares == [2, 3]
+    for other in others:
+        for one, found in zip(alone, other, strict=True):
+            np.testing.assert_array_equal(found, one)
+            assert np.isfinite(found).all()
