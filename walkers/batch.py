@@ -55,6 +55,7 @@ _NO_STAGE, _VELOCITY = (
     int(stage) for stage in (mujoco.mjtStage.mjSTAGE_NONE, mujoco.mjtStage.mjSTAGE_VEL)
 )
 _NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+_NO_ISLANDS = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 _CHECKED_EVERY = 16  # steps that one which has diverged may go on for
 # MuJoCo prints every instability and writes MUJOCO_LOG.TXT; a candidate that diverges is an
 # ordinary event here. The handler is called from threads without the interpreter lock, so it has
@@ -156,7 +157,11 @@ class LockStep:
         # Waking a second thread takes longer than a step of a few simulations.
         alone = n_sims < (2 if only_rollouts else _WORTH_THREADS)
         self._batch = Batch(model, n_sims, 1 if alone else n_threads)
-        self._flags: NDArray[np.int32] | None = None
+        self._own_flags = int(model.opt.disableflags)
+        if model.ntree == 1:  # all that is constrained is one island then, which MuJoCo looks for
+            self._own_flags |= _NO_ISLANDS
+        self._flags = self._batch.expand("opt.disableflags")
+        self._flags[...] = self._own_flags
         for name, values in (fields or {}).items():
             self._batch.expand(name)[...] = values
         if any(name in _SET_CONST_INPUTS for name in fields or {}):
@@ -286,10 +291,7 @@ class LockStep:
     def _sense(self, wanted: bool) -> None:
         """Whether the next steps read the sensors, unless some keep a history of every step."""
         if self.model.nsensor and not self.model.sensor_history[:, 0].any():
-            if self._flags is None:
-                self._flags = self._batch.expand("opt.disableflags")
-            own = int(self.model.opt.disableflags)
-            self._flags[...] = own if wanted else own | _NO_SENSORS
+            self._flags[...] = self._own_flags if wanted else self._own_flags | _NO_SENSORS
 
     def live(self, name: str) -> FloatArray:
         """A field of the simulations' states, (n_sims, *shape), live and writable.
@@ -324,7 +326,7 @@ class LockStep:
         kept = [(batch.bind(name), name) for name in record]
         out = {name: np.empty((self.n_sims, n_steps, *now.shape[1:])) for now, name in kept}
         batch.warning[...] = 0
-        failed = np.zeros(self.n_sims, dtype=bool)
+        failed, checked = np.zeros(self.n_sims, dtype=bool), _CHECKED_EVERY
         going: NDArray[np.intp] | None = None
         with _QUIET:
             for k in range(n_steps):
@@ -333,12 +335,14 @@ class LockStep:
                     batch.step(going)
                 except SimulationError as error:
                     failed[error.ids] = True
+                    checked = 1
                 for now, name in kept:
                     out[name][:, k] = now
-                if k % _CHECKED_EVERY and not failed.any():
+                if k % checked:
                     continue
                 failed |= (batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
                 if failed.any():
+                    checked = 1
                     # Nothing that has diverged is worth another step.
                     going = np.flatnonzero(~failed)
                     if not going.size:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,6 @@ FloatArray = NDArray[np.float64]
 
 _FEW = 0.75  # of the simulations; a law of more runs in all
 _REPLACED = ("target", "effort", "friction", "target_ahead", "effort_ahead")  # by some laws
-_At = tuple[type[DrivetrainLaw], Parameters, State, slice | None]  # the simulations, None for all
 
 
 class LawBank:
@@ -38,23 +38,26 @@ class LawBank:
     ):
         self._shape = shape
         self._dt = dt
-        self._laws: list[_At] = []
+        self._laws: list[_AtWork] = []
         for law, p in laws:
             sims = _acting(law, p) if sparse else None
             own = p if sims is None else {name: values[sims] for name, values in p.items()}
-            self._laws.append((law, law.prepared(own, dt), {}, sims))
-        self._of_stage: dict[Stage, list[_At]] = {
-            stage: [one for one in self._laws if one[0].stage == stage]
+            part = None if sims is None else _Part(sims)
+            self._laws.append(_AtWork(law=law, p=law.prepared(own, dt), state={}, part=part))
+        self._of_stage: dict[Stage, list[_AtWork]] = {
+            stage: [one for one in self._laws if one.law.stage == stage]
             for stage in ("controller", "drive", "joint")
         }
         self.reset(None)
 
     def reset(self, rows: NDArray[np.intp] | None) -> None:
         """Forgets the past of all simulations, or of some rows."""
-        for law, p, state, sims in self._laws:
-            depth = law.depth(p, self._dt) if law.state else None
+        for one in self._laws:
+            law, state = one.law, one.state
+            depth = law.depth(one.p, self._dt) if law.state else None
             joints, own = self._shape, rows
-            if sims is not None:
+            if one.part is not None:
+                sims = one.part.sims
                 joints = (sims.stop - sims.start, *self._shape[1:])
                 if rows is not None:
                     own = rows[(rows >= sims.start) & (rows < sims.stop)] - sims.start
@@ -67,27 +70,22 @@ class LawBank:
 
     def remember(self, law: type[DrivetrainLaw], state: State) -> None:
         """Tells a law what it remembers of every simulation; see its `state`."""
-        for other, _, own, sims in self._laws:
-            if other is law:
-                own.update(
-                    state if sims is None else {name: v[sims].copy() for name, v in state.items()}
+        for one in self._laws:
+            if one.law is law:
+                one.state.update(
+                    state
+                    if one.part is None
+                    else {name: values[one.part.sims].copy() for name, values in state.items()}
                 )
 
     def run(self, stage: Stage, step: Step) -> None:
         """Lets the laws of a stage change the step."""
-        for law, p, state, sims in self._of_stage[stage]:
-            if sims is None:
-                law.apply(step, p, state)
-                continue
-            part = step.of(sims)
-            views = [getattr(part, name) for name in _REPLACED]
-            law.apply(part, p, state)
-            for name, view in zip(_REPLACED, views, strict=True):
-                found = getattr(part, name)
-                if found is not view:
-                    whole = getattr(step, name).copy()
-                    whole[sims] = found
-                    setattr(step, name, whole)
+        for one in self._of_stage[stage]:
+            if one.part is None:
+                one.law.apply(step, one.p, one.state)
+            else:
+                one.law.apply(one.part.of(step), one.p, one.state)
+                one.part.hand_back(step)
 
     def has(self, stage: Stage) -> bool:
         """There is a law of this stage."""
@@ -96,12 +94,55 @@ class LawBank:
     @property
     def reads_held(self) -> bool:
         """A law reads what the constraints did in the last step."""
-        return any(law.reads_held for law, *_ in self._laws)
+        return any(one.law.reads_held for one in self._laws)
 
     @property
     def reads_play(self) -> bool:
         """A law reads what gives way between joints and links."""
-        return any(law.reads_play for law, *_ in self._laws)
+        return any(one.law.reads_play for one in self._laws)
+
+
+class _Part:
+    """The step of some of the simulations, as views of the whole one; made anew where that is new.
+
+    Attributes:
+        sims: the simulations.
+    """
+
+    def __init__(self, sims: slice):
+        self.sims = sims
+        self._step = object.__new__(Step)
+        self._whole: dict[str, object] = {}  # what the views are of
+        self._views: list[FloatArray] = []
+
+    def of(self, step: Step) -> Step:
+        """Their part of a step."""
+        own, known, n = self._step.__dict__, self._whole, len(step.q)
+        for name, value in step.__dict__.items():
+            if known.get(name) is not value:
+                known[name] = value
+                own[name] = value if name == "dt" or len(value) != n else value[self.sims]
+        self._views = [own[name] for name in _REPLACED]
+        return self._step
+
+    def hand_back(self, step: Step) -> None:
+        """Puts what was replaced in it since into the step."""
+        own = self._step.__dict__
+        for name, view in zip(_REPLACED, self._views, strict=True):
+            if own[name] is not view:
+                whole = getattr(step, name).copy()
+                whole[self.sims] = own[name]
+                setattr(step, name, whole)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _AtWork:
+    """A law, its parameters as prepared, what it remembers, and where it acts; None for all."""
+
+    law: type[DrivetrainLaw]
+    p: Parameters
+    state: State
+    part: _Part | None
 
 
 def _acting(law: type[DrivetrainLaw], p: Parameters) -> slice | None:

@@ -183,8 +183,10 @@ class QuadraticDrag(DrivetrainLaw):
 
 
 def _limit(step: Step, low: FloatArray, high: FloatArray) -> None:
-    start = step.effort + step.effort_ahead
-    limited, effort = clipped(start, low, high), clipped(step.effort, low, high)
-    same = (limited == start) & (effort == step.effort)
-    step.effort_ahead = np.where(same, step.effort_ahead, limited - effort)
+    effort = clipped(step.effort, low, high)
+    if step.effort_ahead.any():
+        start = step.effort + step.effort_ahead
+        limited = clipped(start, low, high)
+        same = (limited == start) & (effort == step.effort)
+        step.effort_ahead = np.where(same, step.effort_ahead, limited - effort)
     step.effort = effort

@@ -69,15 +69,6 @@ class Step:
     target_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
     effort_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
 
-    def of(self, sims: slice) -> Step:
-        """The step of some of the simulations, as views."""
-        part = object.__new__(Step)
-        n = len(self.q)
-        for name, value in self.__dict__.items():
-            every = name == "dt" or len(value) != n
-            part.__dict__[name] = value if every else value[sims]
-        return part
-
 
 Parameters = Mapping[str, FloatArray]
 State = dict[str, FloatArray]

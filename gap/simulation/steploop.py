@@ -57,12 +57,13 @@ def rollout_with_laws(
     qposes = adjoining([joint.qpos for joint in laws.joints])
     dofs = adjoining([joint.dof for joint in laws.joints])
     live_qpos, live_qvel = batch.live("qpos"), batch.live("qvel")
+    q, qd = _Columns(live_qpos, qposes), _Columns(live_qvel, dofs)
     live_ctrl, live_applied = batch.live("ctrl"), batch.live("qfrc_applied")
     act = None if forces.filters is None else batch.live("act")
     changed = None
     if ahead is not None or bank.has("controller") or bank.has("drive"):
-        changed = np.zeros((n_sims, n_steps, len(laws.joints)))
-    held = batch.derived("qfrc_constraint") if bank.reads_held else None
+        changed = np.zeros((n_steps, n_sims, len(laws.joints)))
+    held = _Columns(batch.derived("qfrc_constraint"), dofs) if bank.reads_held else None
     plays = []
     if bank.reads_play:
         plays = [(k, one.play) for k, one in enumerate(laws.joints) if one.play is not None]
@@ -75,20 +76,19 @@ def rollout_with_laws(
     def before(k: int) -> None:
         nonlocal rubbed
         if held is not None:
-            loop.step.held = held[:, dofs]
+            loop.step.held = held.now()
         for column, play in plays:
             loop.step.play[:, column] = live_qpos[:, play.qpos]
             loop.step.play_speed[:, column] = live_qvel[:, play.dof]
-        loop.run(k, live_qpos[:, qposes], live_qvel[:, dofs], act)
+        loop.run(k, q.now(), qd.now(), act)
         live_ctrl[...] = ctrl[:, k]
         if loop.control is not None:
             live_ctrl[:, forces.ctrl] = loop.control
         live_applied[...] = 0.0 if qfrc_applied is None else qfrc_applied[:, k]
+        live_applied[:, dofs] += loop.changed + loop.step.extra
         if changed is not None:
-            changed[:, k] = loop.changed + loop.step.effort_ahead
-            live_applied[:, dofs] += loop.changed
+            np.add(loop.changed, loop.step.effort_ahead, out=changed[k])
         if rubbing:
-            live_applied[:, dofs] += loop.step.extra
             friction = loop.step.friction
             if rubbed or friction.any():
                 dry[:, dofs] = np.maximum(own_dry + friction, 0.0)
@@ -103,7 +103,20 @@ def rollout_with_laws(
             if past.integral is not None:
                 bank.remember(IntegralAction, {"effort": past.integral})
         loop.begin(ctrl, time, ahead)
-        return batch.step_by_step(state, n_steps, before, record=record), changed
+        rollout = batch.step_by_step(state, n_steps, before, record=record)
+    return rollout, None if changed is None else changed.swapaxes(0, 1)
+
+
+class _Columns:
+    """Columns of an array that is written to again and again."""
+
+    def __init__(self, live: FloatArray, columns: slice | NDArray[np.intp]):
+        self._live, self._columns = live, columns
+        self._view = live[:, columns] if isinstance(columns, slice) else None
+
+    def now(self) -> FloatArray:
+        """As they are now: the same view every time, where it can be one."""
+        return self._live[:, self._columns] if self._view is None else self._view
 
 
 class _Loop:

@@ -362,8 +362,11 @@ def _found_differing(one: mujoco.MjModel, other: mujoco.MjModel) -> tuple[str, .
         fields[name] = values[None]
     if "opt.timestep" in fields:
         return None
-    batch = LockStep(one, 1, fields=fields, n_threads=1).batch
-    return None if _differences(batch.get_model(0), other) else tuple(fields)
+    made, wanted = (
+        LockStep(model, 1, fields=own, n_threads=1).batch.get_model(0)
+        for model, own in ((one, fields), (other, {}))
+    )
+    return None if _differences(made, wanted) else tuple(fields)
 
 
 def _differences(one: mujoco.MjModel, other: mujoco.MjModel) -> list[str]:
