@@ -39,11 +39,17 @@ class AsymmetricFriction(DrivetrainLaw):
     forward: Numbers = number(at_least=0)
     backward: Numbers = number(at_least=0)
 
+    @classmethod
+    def prepared(cls, p: Parameters, dt: float) -> Parameters:
+        """As in `DrivetrainLaw`; the mean of both, and half of their difference."""
+        mean = 0.5 * (p["forward"] + p["backward"])
+        return {**p, "mean": mean, "half": 0.5 * (p["forward"] - p["backward"])}
+
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.friction += 0.5 * (p["forward"] + p["backward"])
-        step.extra -= 0.5 * (p["forward"] - p["backward"])
+        step.friction += p["mean"]
+        step.extra -= p["half"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,12 +114,18 @@ class DirectionalEfficiency(DrivetrainLaw):
     driving: Numbers = number(at_least=0)
     backdriving: Numbers = number(at_least=0)
 
+    @classmethod
+    def prepared(cls, p: Parameters, dt: float) -> Parameters:
+        """As in `DrivetrainLaw`; the factor on the effort, and that of the friction."""
+        gained = 0.5 * (p["driving"] + p["backdriving"]) - 1.0
+        lost = np.maximum(0.5 * (p["backdriving"] - p["driving"]), 0.0)
+        return {**p, "gained": gained, "lost": lost}
+
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        step.extra += (0.5 * (p["driving"] + p["backdriving"]) - 1.0) * step.effort
-        lost = np.maximum(0.5 * (p["backdriving"] - p["driving"]), 0.0)
-        step.friction += lost * np.abs(step.effort)
+        step.extra += p["gained"] * step.effort
+        step.friction += p["lost"] * np.abs(step.effort)
 
 
 @dataclass(frozen=True, kw_only=True)

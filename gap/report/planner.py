@@ -27,7 +27,7 @@ from walkerkit.gap.report.set_ups import RELEASE, SetUp, held_amplitude, set_ups
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.channel import Channel
-from walkerkit.gap.simulation.replay import Replay
+from walkerkit.gap.simulation.replay import Replay, predict_together
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 from walkerkit.tasks.excitation import BATTERY
@@ -127,18 +127,17 @@ class _Bench:
         self.spread = independence(problem, members[0])
         self.with_play = any(np.any(values) for values in self._trials().plays.values())
 
-    def predict(self, log: Recording, set_up: SetUp) -> FloatArray:
-        """(n_members, rows, channels) what each member's log would show."""
-        replay = Replay(
-            self.robot,
-            whole(log),
-            self.channels,
-            hold=self.problem.hold,
-            n_threads=self.problem.n_threads,
-        )
-        trials = self._trials()
-        set_up.change(trials)
-        return replay.predict(trials)
+    def predict(self, logs: Sequence[Recording], changes: Sequence[SetUp]) -> list[FloatArray]:
+        """Of each log, set up so, (n_members, rows, channels) what each member's would show."""
+        hold, threads = self.problem.hold, self.problem.n_threads
+        replays = [
+            Replay(self.robot, whole(log), self.channels, hold=hold, n_threads=threads)
+            for log in logs
+        ]
+        trials = [self._trials() for _ in logs]
+        for set_up, own in zip(changes, trials, strict=True):
+            set_up.change(own)
+        return predict_together(replays, trials, threads)
 
     def _trials(self) -> Trials:
         return Trials.joined(
@@ -198,22 +197,26 @@ def _choices(bench: _Bench) -> Iterator[_Choice]:
         efforts=bench.efforts,
         excitations=tuple(BATTERY),
     )
-    for set_up in changes:
-        if set_up.held and (not bench.efforts or bench.with_play):
-            # The log of a joint that cannot move shows nothing else; a motor with play moves.
-            continue
-        for excitation in set_up.excitations:
-            for size in _SIZES:
-                log = _targets(bench, set_up, excitation, size)
-                predicted = bench.predict(log, set_up)
+    # The log of a joint that cannot move shows nothing else; a motor with play moves.
+    useful = [one for one in changes if not one.held or (bench.efforts and not bench.with_play)]
+    for _, alike in groupby(useful, key=lambda one: one.trouble):
+        every = [(set_up, excitation) for set_up in alike for excitation in set_up.excitations]
+        chosen: dict[int, _Choice] = {}
+        for size in _SIZES:
+            left = [k for k in range(len(every)) if k not in chosen]
+            logs = [_targets(bench, *every[k], size) for k in left]
+            for k, log, predicted in zip(
+                left, logs, bench.predict(logs, [every[k][0] for k in left]), strict=True
+            ):
+                set_up, excitation = every[k]
                 if bench.is_safe(predicted, set_up):
-                    yield _Choice(
+                    chosen[k] = _Choice(
                         set_up=set_up,
                         excitation=excitation,
                         separation=bench.separation(predicted, set_up),
                         targets=log,
                     )
-                    break
+        yield from (chosen[k] for k in sorted(chosen))
 
 
 def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Recording:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
-from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.objective import Objective, residuals_of
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
 
@@ -100,8 +100,14 @@ def _evidence(content: Any) -> Evidence:
 
 
 def _weigh(fit: Objective, held_out: Objective, fits: Sequence[Fit]) -> Evidence:
-    held, held_resampled, mean_square = scores = _scores(held_out, fits)
-    fitted, fitted_resampled, fitted_mean_square = scores if fit is held_out else _scores(fit, fits)
+    objectives = list(dict.fromkeys((held_out, fit)))
+    squares: list[list[FloatArray]] = [[] for _ in objectives]
+    for residuals in residuals_of(objectives, [one.case for one in fits]):
+        for one, own, residual in zip(objectives, squares, residuals, strict=True):
+            own.append(one.block_squares(residual[0]))
+    scores = [_scores(one, np.stack(own)) for one, own in zip(objectives, squares, strict=True)]
+    held, held_resampled, mean_square = scores[0]
+    fitted, fitted_resampled, fitted_mean_square = scores[-1]
     return Evidence(
         mean_square=mean_square,
         fitted_mean_square=fitted_mean_square,
@@ -112,15 +118,7 @@ def _weigh(fit: Objective, held_out: Objective, fits: Sequence[Fit]) -> Evidence
     )
 
 
-def _scores(objective: Objective, fits: Sequence[Fit]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    cases = [fit.case for fit in fits]
-    squares = np.stack(
-        [
-            objective.block_squares(residual[0])
-            for group in objective.grouped(cases)
-            for residual in objective.residuals(cases[group])
-        ]
-    )
+def _scores(objective: Objective, squares: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     counts = objective.block_counts()
     rng = np.random.default_rng(_SEED)
     drawn = rng.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), size=_RESAMPLES)

@@ -9,7 +9,7 @@ gaps that are five per cent smaller.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -93,39 +93,37 @@ class Objective:
         # A channel that only other recordings have counts, but nothing can change its score.
         self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
         self._refined: deque[tuple[Hashable, FloatArray, FloatArray]] = deque(maxlen=_REMEMBERED)
+        self._coarse = False
 
     def leave_as_simulated(self) -> None:
         """Takes no numerical error out of what will be simulated."""
         self.numerical = np.zeros((0, *self.measured.shape))
 
     def refine(self, finer: Sequence[Objective], case: Case, own: FloatArray | None = None) -> None:
-        """Takes the numerical error at some values as that of all that will be simulated.
+        """As `refine`, of this objective alone, whose residual (rows, n_scored) may be known."""
+        refine([(self, finer)], case, own)
 
-        Args:
-            finer: the same recordings replayed at a finer timestep, then also with another
-                integrator, then at a timestep finer still, which is only simulated where the first
-                changes much; none with numerical errors of its own taken out.
-            case: one row of values.
-            own: (rows, n_scored) their residual as simulated, where it is known.
-        """
-        self.leave_as_simulated()
+    def _remembers(self, case: Case) -> bool:
+        """Whether the numerical error is known at these values, nearly; it is that one then."""
         structure, values = case.structure, case.values[0]
         near = _SAME_ERROR * structure.scale
         for key, at, changes in self._refined:
             if key == structure.key and (np.abs(values - at) <= near).all():
                 self.numerical = changes
-                return
-        wanted = [*([self] if own is None else []), *finer[:2]]
-        residuals = [] if own is None else [own]
-        residuals += [one[0] for one in _side_by_side(wanted, [case])]
+                return True
+        return False
+
+    def _learn(self, case: Case, residuals: Sequence[FloatArray]) -> None:
+        """Takes the changes from the first of some residuals for the numerical error.
+
+        They are as simulated: at its own timestep, at half of it, with another integrator, and, if
+        that was simulated, at a quarter.
+        """
         coarse, half, *others = residuals
-        self.numerical = (half - coarse)[None]
-        if (self.numerical_size() > _COARSE * self.floor).any():
-            others += [one.simulated([case])[0][0] for one in finer[2:]]
-        self.numerical = np.stack([*self.numerical, *(other - half for other in others)])
+        self.numerical = np.stack([half - coarse, *(other - half for other in others)])
         if not np.isfinite(self.numerical).all():
             self.leave_as_simulated()
-        self._refined.append((structure.key, values, self.numerical))
+        self._refined.append((case.structure.key, case.values[0], self.numerical))
 
     def moves(self, only: Sequence[int | None]) -> Moves:
         """Puts moves in different branches of the robots into one row.
@@ -326,6 +324,54 @@ class Objective:
         return np.stack([np.bincount(self.block, weights=column) for column in present.T], axis=1)
 
 
+def refine(
+    objectives: Sequence[tuple[Objective, Sequence[Objective]]],
+    case: Case,
+    own: FloatArray | None = None,
+) -> None:
+    """Takes the numerical error at some values as that of all that objectives will simulate.
+
+    Args:
+        objectives: each with the same recordings replayed at a finer timestep, then also with
+            another integrator, then at a timestep finer still, which only counts where the first
+            changes much; none of these with numerical errors of their own taken out.
+        case: one row of values.
+        own: (rows, n_scored) the residual of the first as simulated, where it is known.
+    """
+    wanted = []
+    for one, finer in objectives:
+        one.leave_as_simulated()
+        if not one._remembers(case):
+            # What was wanted the last time is asked for at once, to be done side by side.
+            wanted.append((one, finer, list(finer if one._coarse else finer[:2])))
+    known = own is not None and wanted and wanted[0][0] is objectives[0][0]
+    every = [each for one, _, asked in wanted for each in (one, *asked)][1 if known else 0 :]
+    found = iter([one[0] for one in _side_by_side(every, [case])])
+    for k, (one, finer, asked) in enumerate(wanted):
+        coarse = own if own is not None and known and k == 0 else next(found)
+        residuals = [coarse, *(next(found) for _ in asked)]
+        changed = np.sqrt(one.mean_square(residuals[1] - coarse))
+        one._coarse = bool((changed > _COARSE * one.floor).any())
+        if not one._coarse:
+            del residuals[3:]
+        elif len(asked) < len(finer):
+            residuals += [still.simulated([case])[0][0] for still in finer[2:]]
+        one._learn(case, residuals)
+
+
+def residuals_of(
+    objectives: Sequence[Objective], cases: Sequence[Case]
+) -> Iterator[list[FloatArray]]:
+    """Of each case, (n, rows, n_scored) residuals for each of several objectives."""
+    sizes = [sum(one.measured.nbytes for one in objectives) * len(case.values) for case in cases]
+    for group in consecutive(sizes, _MEMORY):
+        each = []
+        for one, residual in zip(objectives, _side_by_side(objectives, cases[group]), strict=True):
+            one._take_out_numerical_error(residual)
+            each.append(_per_case(residual, cases[group]))
+        yield from (list(of_case) for of_case in zip(*each, strict=True))
+
+
 def consecutive(sizes: Sequence[int], most: int) -> list[slice]:
     """Groups of what follows each other, as large as they can be; what is too large is alone."""
     groups, start, together = [], 0, 0
@@ -339,6 +385,8 @@ def consecutive(sizes: Sequence[int], most: int) -> list[slice]:
 
 def _side_by_side(objectives: Sequence[Objective], cases: Sequence[Case]) -> list[FloatArray]:
     """Of each objective (n of all cases, rows, n_scored) residuals as simulated."""
+    if not objectives:
+        return []
     replays = [replay for one in objectives for replay in one.replays]
     trials = [
         Trials.joined([case.structure.trials(replay.robot, case.values) for case in cases])

@@ -14,7 +14,7 @@ from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.excerpt import Gaps, representative, spread
-from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.objective import Objective, refine
 from walkerkit.gap.search.structure import Case, Fit, Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
@@ -187,8 +187,7 @@ class Problem:
 
     def refine(self, current: Fit) -> None:
         """Takes the numerical error at a fit as that of all that will be simulated."""
-        for half in (self.fit, self.held):
-            half.refine(current)
+        refine([(half.objective, half.finer) for half in (self.fit, self.held)], current.case)
 
 
 def build(

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drivetrain import IntegralAction
+from walkerkit.actuators.drivetrain.law import clipped
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Route
@@ -169,10 +170,27 @@ def integral_at_start(
     added = np.clip(settled * missing, -most, most)
     for s, segment in enumerate(segments):
         rows = slice(s, None, n_segments)
-        for time, error in _errors(segment, joints, laws.forces.stiffness[0] > 0):
-            added[rows] = np.clip(
-                added[rows] + p["gain"][rows] * error * time, -most[rows], most[rows]
-            )
+        errors = _errors(segment, joints, laws.forces.stiffness[0] > 0)
+        added[rows] = _summed(added[rows], p["gain"][rows], errors, most[rows])
+    return added
+
+
+def _summed(
+    start: FloatArray, gain: FloatArray, errors: FloatArray, most: FloatArray
+) -> FloatArray:
+    """What an integrator within ±`most` makes of errors (n, n_joints); others are (n_sims, ...)."""
+    if not len(errors):
+        return start
+    so_far = np.cumsum(errors, axis=0)
+    highest, lowest = start + gain * so_far.max(axis=0), start + gain * so_far.min(axis=0)
+    held = (highest > most) | (lowest < -most)
+    added: FloatArray = start + gain * so_far[-1]
+    some = held.any(axis=1)
+    if some.any():
+        bounded, per_error, ends = start[some], gain[some], most[some]
+        for error in errors:
+            bounded = clipped(bounded + per_error * error, -ends, ends)
+        added[some] = np.where(held[some], bounded, added[some])
     return added
 
 
@@ -186,10 +204,8 @@ def _first_positions(segments: Sequence[Segment], joints: Sequence[Joint]) -> Fl
     )
 
 
-def _errors(
-    segment: Segment, joints: Sequence[Joint], servoed: NDArray[np.bool_]
-) -> list[tuple[float, FloatArray]]:
-    """Durations and measured errors (n_joints,) from a recording's beginning to a segment."""
+def _errors(segment: Segment, joints: Sequence[Joint], servoed: NDArray[np.bool_]) -> FloatArray:
+    """Measured errors from a recording's beginning to a segment, (n, n_joints), times durations."""
     log = segment.recording.whole
     before = int(np.searchsorted(log.time, segment.start))
     errors = np.zeros((before, len(joints)))
@@ -197,4 +213,4 @@ def _errors(
         target = log.signal(joint.name, "position_target")
         if target is not None and servoed[k]:
             errors[:, k] = target[:before] - log.columns[f"{joint.name}/position"][:before]
-    return list(zip(np.diff(log.time[: before + 1]), errors, strict=True))
+    return errors * np.diff(log.time[: before + 1])[:, None]

@@ -184,23 +184,31 @@ class Replay:
         (predicted,) = predict_together([self], [trials], self.n_threads)
         return predicted
 
-    def predicting(self, trials: Trials) -> Predicting:
-        """As `predict`, asking for what others may ask for too.
+    def predicting(self, trials: Trials) -> list[tuple[NDArray[np.intp], Predicting]]:
+        """As `predict`, in parts that ask for what others may ask for too.
 
-        It is to be sent what `together` makes of the rollouts and `controlled` of the commands
-        that it yields.
+        They are to be sent what `together` makes of the rollouts and `controlled` of the commands
+        that they yield.
+
+        Returns:
+            Rows of the trials, rising, and what finds those.
         """
-        parts = rebuilds(trials)
-        if not any(rebuild.needed for rebuild, _ in parts):
-            return (yield from self._predicting(trials))
-        predicted = np.full((trials.n, *self.measured.shape), np.nan)
-        for rebuild, rows in parts:
+        parts: list[tuple[NDArray[np.intp], Predicting]] = []
+        for rebuild, rows in rebuilds(trials):
+            own = trials if rows.size == trials.n else trials.rows(rows)
             if rebuild.needed:
                 rebuilt, replay = self._on(rebuild)
-                predicted[rows] = yield from replay.predicting(rebuilt.trials(trials.rows(rows)))
-            else:
-                predicted[rows] = yield from self._predicting(trials.rows(rows))
-        return predicted
+                found = replay.predicting(rebuilt.trials(own))
+                parts += [(rows[some], part) for some, part in found]
+                continue
+            lawful, stepwise = own.with_laws, own.stepwise
+            for acting in (~lawful, lawful & ~stepwise, stepwise):
+                if acting.all():
+                    parts.append((rows, self._predicting(own)))
+                elif acting.any():
+                    some = np.flatnonzero(acting)
+                    parts.append((rows[some], self._predicting(own.rows(some))))
+        return parts
 
     def _on(self, rebuild: Rebuild) -> tuple[Rebuilt, Replay]:
         """The same segments on another robot; those used last are kept."""
@@ -221,7 +229,7 @@ class Replay:
         return found
 
     def _predicting(self, trials: Trials) -> Predicting:
-        """As `predicting`, of variants that are simulated on this robot itself."""
+        """One part: variants on this robot itself, all with laws of a kind or all without."""
         predicted = np.full((trials.n, *self.measured.shape), np.nan)
         model = self.robot.model
         for group in self._groups:
@@ -229,18 +237,16 @@ class Replay:
             chunk = max(1, _CHUNK_BYTES // (row_bytes * len(group.segments)))
             for start in range(0, trials.n, chunk):
                 rows = np.arange(start, min(start + chunk, trials.n))
-                lawful, stepwise = trials.with_laws[rows], trials.stepwise[rows]
-                for some in (rows[~lawful], rows[lawful & ~stepwise], rows[stepwise]):
-                    if some.size == trials.n:
-                        yield from self._simulating(group, trials, predicted)
-                    elif some.size:
-                        predicted[some] = yield from self._simulating(
-                            group, trials.rows(some), predicted[some]
-                        )
+                if rows.size == trials.n:
+                    yield from self._simulating(group, trials, predicted)
+                else:
+                    predicted[rows] = yield from self._simulating(
+                        group, trials.rows(rows), predicted[rows]
+                    )
         return predicted
 
     def _simulating(self, group: _Group, trials: Trials, out: FloatArray) -> Predicting:
-        """Fills in the rows and channels of a group; variants with laws and without do not mix."""
+        """Fills in the rows and channels of a group."""
         model, n, n_segments = self.robot.model, trials.n, len(group.segments)
         step = model.opt.timestep
         joints = [self.robot.joints[name] for name in group.joints]
@@ -431,7 +437,8 @@ def predict_together(
         trials: of each, variants of its robot.
         n_threads: threads of the simulation, 0 for all cores.
     """
-    runs = [replay.predicting(own) for replay, own in zip(replays, trials, strict=True)]
+    parts = [replay.predicting(own) for replay, own in zip(replays, trials, strict=True)]
+    runs = [run for some in parts for _, run in some]
     predicted: dict[int, FloatArray] = {}
     sent: dict[int, Any] = dict.fromkeys(range(len(runs)))
     waiting: dict[int, Asked] = {}
@@ -444,7 +451,23 @@ def predict_together(
         else:  # all that can be in one batch has been asked for
             sent = dict(zip(waiting, together(list(waiting.values()), n_threads), strict=True))
             waiting = {}
-    return [predicted[k] for k in range(len(runs))]
+    found = (predicted.pop(k) for k in range(len(runs)))
+    return [
+        _assembled([(rows, next(found)) for rows, _ in some], (own.n, *replay.measured.shape))
+        for replay, own, some in zip(replays, trials, parts, strict=True)
+    ]
+
+
+def _assembled(
+    parts: Sequence[tuple[NDArray[np.intp], FloatArray]], shape: tuple[int, ...]
+) -> FloatArray:
+    """What was found of some rows each, as one array."""
+    if len(parts) == 1:
+        return parts[0][1]
+    whole = np.full(shape, np.nan)
+    for rows, values in parts:
+        whole[rows] = values
+    return whole
 
 
 def as_they_are(replays: Sequence[Replay], n_threads: int) -> list[FloatArray]:

@@ -6,6 +6,7 @@ what drives remember of earlier commands (delays, filters) comes from the comman
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 
 import mujoco
@@ -19,6 +20,8 @@ _EXACT = int(mujoco.mjtDyn.mjDYN_FILTEREXACT)
 _FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), _EXACT)
 _SETTLED, _LONGEST = 10, 1.0  # time constants; s
 _HISTORY_HEAD = 2  # numbers before the times and values of a history
+# Models are never written to, so that they rest where they did.
+_RESTING: weakref.WeakKeyDictionary[mujoco.MjModel, FloatArray] = weakref.WeakKeyDictionary()
 
 
 def rest(model: mujoco.MjModel, data: mujoco.MjData | None = None) -> mujoco.MjData:
@@ -67,16 +70,10 @@ def start_state(
     Returns:
         (..., nstate) rows of mjSTATE_INTEGRATION.
     """
-    data = rest(model)
-    delayed = [int(actuator) for actuator in np.flatnonzero(model.actuator_history[:, 0])]
-    for actuator in delayed:
-        samples, width = model.actuator_history[actuator, 0], model.actuator_ctrlnum[actuator]
-        times = model.opt.timestep * np.arange(-samples, 0)
-        mujoco.mj_initCtrlHistory(model, data, actuator, times, np.zeros((samples, width)))
-    spec = mujoco.mjtState.mjSTATE_INTEGRATION
-    row = np.empty(mujoco.mj_stateSize(model, spec))
-    mujoco.mj_getState(model, data, row, spec)
-    state = np.tile(row, (*past.shape[:-2], 1))
+    delayed = _delayed(model)
+    if model not in _RESTING:
+        _RESTING[model] = _resting(model)
+    state = np.tile(_RESTING[model], (*past.shape[:-2], 1))
     state[..., state_offset(model, mujoco.mjtState.mjSTATE_QPOS) + np.asarray(addresses[0])] = qpos
     state[..., state_offset(model, mujoco.mjtState.mjSTATE_QVEL) + np.asarray(addresses[1])] = qvel
     for actuator in delayed:
@@ -91,6 +88,23 @@ def start_state(
         )
         state[..., address] = _filtered(model, int(filtering), past)
     return state
+
+
+def _delayed(model: mujoco.MjModel) -> list[int]:
+    return [int(actuator) for actuator in np.flatnonzero(model.actuator_history[:, 0])]
+
+
+def _resting(model: mujoco.MjModel) -> FloatArray:
+    """The state at rest, (nstate,), with histories that begin."""
+    data = rest(model)
+    for actuator in _delayed(model):
+        samples, width = model.actuator_history[actuator, 0], model.actuator_ctrlnum[actuator]
+        times = model.opt.timestep * np.arange(-samples, 0)
+        mujoco.mj_initCtrlHistory(model, data, actuator, times, np.zeros((samples, width)))
+    spec = mujoco.mjtState.mjSTATE_INTEGRATION
+    row = np.empty(mujoco.mj_stateSize(model, spec))
+    mujoco.mj_getState(model, data, row, spec)
+    return row
 
 
 def state_offset(model: mujoco.MjModel, component: mujoco.mjtState) -> int:

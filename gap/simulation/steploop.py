@@ -130,7 +130,9 @@ class _Loop:
 
     def __init__(self, laws: Laws, bank: LawBank):
         self._forces, self._bank = laws.forces, bank
-        self._controlling = bank.has("controller")
+        self._controlling, self._driving, self._rubbing = (
+            bank.has(stage) for stage in ("controller", "drive", "joint")
+        )
         self.step = laws.step()
         self.control: FloatArray | None = None
         self.changed = self.step.effort
@@ -149,8 +151,12 @@ class _Loop:
     def run(self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None) -> None:
         """Runs the laws for step k, (n_sims, ...) arrays each."""
         made = self._driven(k, q, qd, act)
-        self._bank.run("joint", self.step)
-        self.changed = self.step.effort - made
+        if self._rubbing:
+            self.step.extra.fill(0.0)
+            self.step.friction.fill(0.0)
+            self._bank.run("joint", self.step)
+        if self._driving:
+            self.changed = self.step.effort - made
 
     def warm(self, k: int, q: FloatArray, qd: FloatArray) -> None:
         """Lets the laws of controller and drive see a step of the past."""
@@ -169,12 +175,11 @@ class _Loop:
             asked = forces.asked(self.control, act)
         elif act is not None:
             asked = forces.asked(self._controls[k], act)
-        step.extra.fill(0.0)
-        step.friction.fill(0.0)
         made = step.effort = forces.effort(asked, q, qd)
         step.effort_ahead = self._zeros
         if step.target_ahead is not self._zeros:
             control = self._controls[k] if self.control is None else self.control
             step.effort_ahead = forces.ahead(made, control, step.target_ahead)
-        self._bank.run("drive", step)
+        if self._driving:
+            self._bank.run("drive", step)
         return made

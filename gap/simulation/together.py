@@ -12,8 +12,6 @@ from __future__ import annotations
 import os
 import weakref
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -32,8 +30,10 @@ FloatArray = NDArray[np.float64]
 Done = tuple[Rollout, FloatArray | None]
 Controlled = tuple[FloatArray, FloatArray | None]
 
-_WORTH_PROCESSES = 20_000  # steps of all simulations, with laws
-_FEWEST = 6  # simulations of a process
+_LAWS = 15  # simulations that take as long as laws do in each step
+_WORTH_PROCESSES = 30_000  # steps
+_FEWEST = 4  # simulations of a rollout that is shared
+_UNEVEN = 1.1  # of a fair share
 _LENGTH_RATIO = 0.8  # of the shortest to the longest of a batch, about
 _BATCH_BYTES = 2**29  # of what is kept of all that run together
 
@@ -86,11 +86,9 @@ class Asked:
         return int(8 * self.n_sims * self.n_steps * row)
 
     @property
-    def processes(self) -> int:
-        """How many do it: laws of Python's cannot run side by side in one."""
-        if self.laws is None or self.n_sims * self.n_steps < _WORTH_PROCESSES:
-            return 1
-        return max(min(self.n_threads or os.cpu_count() or 1, self.n_sims // _FEWEST), 1)
+    def effort(self) -> int:
+        """What doing it takes, in steps of a simulation, where there are laws."""
+        return self.n_steps * (_LAWS + self.n_sims)
 
     def batch(self) -> LockStep:
         """Its simulations."""
@@ -103,24 +101,7 @@ class Asked:
             only_rollouts=self.laws is None,
         )
 
-    def alone(self) -> Done:
-        """What was recorded, and what the laws changed, as `rollout_with_laws` returns them."""
-        if self.laws is None or self.processes == 1:
-            return self.here()
-        # What has the same laws stays together, so that each process runs few.
-        places = np.array_split(np.lexsort(self.laws.present.T), self.processes)
-        parts = [self._some(rows) for rows in places]
-        rollouts, changes = zip(*side_by_side(Asked.here, parts), strict=True)
-        back = np.argsort(np.concatenate(places))
-        records = {
-            name: np.concatenate([one.records[name] for one in rollouts])[back]
-            for name in self.record
-        }
-        failed = np.concatenate([one.failed for one in rollouts])[back]
-        changed = _or_nothing(changes, parts)
-        return Rollout(records=records, failed=failed), None if changed is None else changed[back]
-
-    def _some(self, rows: NDArray[np.intp]) -> Asked:
+    def some(self, rows: NDArray[np.intp]) -> Asked:
         """Some of the simulations."""
         return replace(
             self,
@@ -134,8 +115,8 @@ class Asked:
             past=None if self.past is None else self.past.some(rows),
         )
 
-    def here(self) -> Done:
-        """As `alone`, all in this process."""
+    def done(self) -> Done:
+        """What was recorded, and what the laws changed, as `rollout_with_laws` returns them."""
         if self.laws is None:
             rollout = self.batch().rollout(
                 self.state, ctrl=self.ctrl, qfrc_applied=self.applied, record=self.record
@@ -202,21 +183,81 @@ def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
         return []
     groups = _grouped(asked, _alike)
     joined = [replace(_joined([asked[k] for k in some]), n_threads=n_threads) for some in groups]
-    done: dict[int, Done] = {}
-    small = [k for k, one in enumerate(joined) if one.processes == 1]
-    if len(small) > 1:
-        # While one is in MuJoCo, another's laws run.
-        with ThreadPoolExecutor(n_threads or os.cpu_count()) as pool:
-            # Each with the context of this thread, where warnings are counted.
-            futures = [pool.submit(copy_context().run, joined[k].alone) for k in small]
-            done.update(zip(small, [future.result() for future in futures], strict=True))
-    for k in range(len(joined)):
-        if k not in done:
-            done[k] = joined[k].alone()
+    done = _all_done(joined, n_threads or os.cpu_count() or 1)
     found: dict[int, Done] = {}
     for k, group in enumerate(groups):
         found.update(zip(group, _apart(done[k], [asked[i] for i in group]), strict=True))
     return [found[k] for k in range(len(asked))]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Piece:
+    """Some simulations of a rollout, which is one of several."""
+
+    of: int
+    rows: NDArray[np.intp]
+    asked: Asked
+
+
+def _all_done(asked: Sequence[Asked], n_processes: int) -> list[Done]:
+    """What each rollout leaves behind; those with laws in several processes where that is faster.
+
+    Laws are Python's, of which one process runs one at a time.
+    """
+    done = {k: one.done() for k, one in enumerate(asked) if one.laws is None}
+    lawful = {k: one for k, one in enumerate(asked) if one.laws is not None}
+    if n_processes == 1 or sum(one.effort for one in lawful.values()) < _WORTH_PROCESSES:
+        done.update({k: one.done() for k, one in lawful.items()})
+    else:
+        shares = _shares(lawful, n_processes)
+        each = side_by_side(_each_done, [[piece.asked for piece in share] for share in shares])
+        found: dict[int, list[tuple[_Piece, Done]]] = {}
+        for share, some in zip(shares, each, strict=True):
+            for piece, one in zip(share, some, strict=True):
+                found.setdefault(piece.of, []).append((piece, one))
+        done.update({k: _whole(asked[k], pieces) for k, pieces in found.items()})
+    return [done[k] for k in range(len(asked))]
+
+
+def _each_done(asked: Sequence[Asked]) -> list[Done]:
+    return [one.done() for one in asked]
+
+
+def _shares(asked: Mapping[int, Asked], n_processes: int) -> list[list[_Piece]]:
+    """Rollouts, whole or in pieces, for some processes, as even as can be."""
+    shares: list[list[_Piece]] = [[] for _ in range(n_processes)]
+    efforts = [0] * n_processes
+    fair = _UNEVEN * sum(one.effort for one in asked.values()) / n_processes
+
+    def give(share: int, piece: _Piece) -> None:
+        shares[share].append(piece)
+        efforts[share] += piece.asked.effort
+
+    for k, one in sorted(asked.items(), key=lambda item: -item[1].effort):
+        parts = min(n_processes, one.n_sims // _FEWEST)
+        least = int(np.argmin(efforts))
+        if parts < 2 or efforts[least] + one.effort <= fair:
+            give(least, _Piece(of=k, rows=np.arange(one.n_sims), asked=one))
+            continue
+        # What has the same laws stays together, so that each process runs few.
+        order = np.arange(one.n_sims) if one.laws is None else np.lexsort(one.laws.present.T)
+        for share, rows in zip(np.argsort(efforts), np.array_split(order, parts), strict=False):
+            give(int(share), _Piece(of=k, rows=rows, asked=one.some(rows)))
+    return [share for share in shares if share]
+
+
+def _whole(asked: Asked, pieces: Sequence[tuple[_Piece, Done]]) -> Done:
+    """What a rollout left behind, of what its pieces did."""
+    if len(pieces) == 1:
+        return pieces[0][1]
+    back = np.argsort(np.concatenate([piece.rows for piece, _ in pieces]))
+    rollouts, changes = zip(*(done for _, done in pieces), strict=True)
+    records = {
+        name: np.concatenate([one.records[name] for one in rollouts])[back] for name in asked.record
+    }
+    failed = np.concatenate([one.failed for one in rollouts])[back]
+    changed = _or_nothing(changes, [piece.asked for piece, _ in pieces])
+    return Rollout(records=records, failed=failed), None if changed is None else changed[back]
 
 
 _Either = TypeVar("_Either", Asked, Commanded)
@@ -362,11 +403,10 @@ def _found_differing(one: mujoco.MjModel, other: mujoco.MjModel) -> tuple[str, .
         fields[name] = values[None]
     if "opt.timestep" in fields:
         return None
-    made, wanted = (
-        LockStep(model, 1, fields=own, n_threads=1).batch.get_model(0)
-        for model, own in ((one, fields), (other, {}))
-    )
-    return None if _differences(made, wanted) else tuple(fields)
+    made = LockStep(one, 1, fields=fields, n_threads=1).batch.get_model(0)
+    # These are the same in both, but those of a batch are its own.
+    same = set(_differences(made, other)) <= {"opt.disableflags"}
+    return tuple(fields) if same else None
 
 
 def _differences(one: mujoco.MjModel, other: mujoco.MjModel) -> list[str]:
@@ -374,8 +414,20 @@ def _differences(one: mujoco.MjModel, other: mujoco.MjModel) -> list[str]:
     return [
         prefix + name
         for prefix, mine, theirs in (("", one, other), ("opt.", one.opt, other.opt))
-        for name in dir(mine)
-        if not name.startswith("_")
-        and isinstance(getattr(mine, name), (np.ndarray, int, float))
-        and not np.array_equal(getattr(mine, name), getattr(theirs, name))
+        for name in _names_of_numbers(mine)
+        if not np.array_equal(getattr(mine, name), getattr(theirs, name))
     ]
+
+
+_NAMES: dict[type, tuple[str, ...]] = {}
+
+
+def _names_of_numbers(one: object) -> tuple[str, ...]:
+    """Names of what holds numbers in a struct of MuJoCo's."""
+    if type(one) not in _NAMES:
+        _NAMES[type(one)] = tuple(
+            name
+            for name in dir(one)
+            if not name.startswith("_") and isinstance(getattr(one, name), (np.ndarray, int, float))
+        )
+    return _NAMES[type(one)]

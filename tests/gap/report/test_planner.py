@@ -139,7 +139,7 @@ def test_what_asks_for_too_much_effort_is_made_smaller_or_left_out(
     (as_it_is, *_) = planner.set_ups(
         bench.robot, ["knee"], concerned=["knee"], efforts=True, excitations=["wild"]
     )
-    efforts = bench.predict(planned.targets, as_it_is)[..., bench.channels.index(EFFORT)]
+    efforts = bench.predict([planned.targets], [as_it_is])[0][..., bench.channels.index(EFFORT)]
     assert np.abs(efforts).max() < 1.25 * peak
     # At any size too much for the drive: something else is done with the robot.
     monkeypatch.setattr(planner, "BATTERY", {"wild": waving(8.0)})

@@ -50,13 +50,13 @@ def trials(one: Replay, law=None, **parameters: float) -> Trials:
 def batches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many simulations each batch had."""
     sizes: list[int] = []
-    alone = Asked.alone
+    done = Asked.done
 
     def counted(self: Asked):
         sizes.append(self.n_sims)
-        return alone(self)
+        return done(self)
 
-    monkeypatch.setattr(Asked, "alone", counted)
+    monkeypatch.setattr(Asked, "done", counted)
     return sizes
 
 
