@@ -77,7 +77,12 @@ class Evidence:
 
 def weigh(problem: Problem, fits: Sequence[Fit]) -> Evidence:
     """Simulates the fits on all recordings and resamples their scores."""
-    return _finished(fits, lambda: _weigh(problem.fit.objective, problem.held.objective, fits))
+    return weigh_by(problem.fit.objective, problem.held.objective, fits)
+
+
+def weigh_by(fitted: Objective, held_out: Objective, fits: Sequence[Fit]) -> Evidence:
+    """As `weigh`, by objectives whose numerical errors are another's."""
+    return _finished(fits, lambda: _weigh(fitted, held_out, fits))
 
 
 def weigh_as_told(problem: Problem, fits: Sequence[Fit]) -> Evidence:

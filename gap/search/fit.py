@@ -170,7 +170,7 @@ def polish(
         The fit, and the slopes there.
     """
     (found,) = _in_lock_step(
-        objective,
+        [objective],
         [
             _polishing(
                 objective,
@@ -233,16 +233,28 @@ def _polishing(
     return best, slopes
 
 
-def _in_lock_step(objective: Objective, runs: Sequence[_Polishing]) -> list[tuple[Fit, Slopes]]:
-    """What each run finds, with what they ask for at one time simulated in one batch."""
+def _in_lock_step(
+    objectives: Sequence[Objective], runs: Sequence[_Polishing]
+) -> list[tuple[Fit, Slopes]]:
+    """What each run finds, with what they ask for at one time simulated in one batch.
+
+    Each has its own objective, which differs from the others in its numerical error only.
+    """
+    every = objectives[0]
     found: dict[int, tuple[Fit, Slopes]] = {}
     answers: dict[int, Any] = dict.fromkeys(range(len(runs)))
     while answers:
         asked = advanced(runs, answers, found)
         fits = {k: one for k, one in asked.items() if isinstance(one, Fit)}
         cases = {k: one for k, one in asked.items() if isinstance(one, Case)}
-        answers = dict(zip(fits, linearised_each(objective, list(fits.values())), strict=True))
-        answers.update(zip(cases, _residuals(objective, list(cases.values())), strict=True))
+        answers = dict(
+            zip(fits, linearised_each(every, list(fits.values()), correct=False), strict=True)
+        )
+        for k, slopes in answers.items():
+            slopes.correct(objectives[k])
+        for k, residual in zip(cases, _simulated(every, list(cases.values())), strict=True):
+            objectives[k].take_out_numerical_error(residual)
+            answers[k] = residual
     return [found[k] for k in range(len(runs))]
 
 
@@ -253,6 +265,7 @@ def polished(
     *,
     iterations: int,
     certain: bool = True,
+    own: Sequence[Objective] | None = None,
 ) -> list[Fit]:
     """What `polish` finds from several starts, from the journal where it has it.
 
@@ -262,21 +275,27 @@ def polished(
         near: slopes of a fit that has numbers in common with all of them, to begin with.
         iterations: the most steps.
         certain: as there.
+        own: for each start the objective with a numerical error of its own; None for the same.
     """
+    objectives = own or [objective] * len(starts)
 
-    def some(starts: Sequence[Fit]) -> list[Fit]:
+    def some(starts: Sequence[Fit], objectives: Sequence[Objective]) -> list[Fit]:
         slopes: Sequence[Slopes | None] = [None] * len(starts)
         if near is not None:
             slopes = list(near_slopes(objective, near, starts))
         runs = [
-            _polishing(objective, start, own, iterations=iterations, certain=certain)
-            for start, own in zip(starts, slopes, strict=True)
+            _polishing(its, start, at_start, iterations=iterations, certain=certain)
+            for its, start, at_start in zip(objectives, starts, slopes, strict=True)
         ]
-        return [found for found, _ in _in_lock_step(objective, runs)]
+        return [found for found, _ in _in_lock_step(objectives, runs)]
 
     def make() -> list[Fit]:
         sizes = [objective.measured.nbytes * len(start.values) for start in starts]
-        return [found for group in consecutive(sizes, _KEPT) for found in some(starts[group])]
+        return [
+            found
+            for group in consecutive(sizes, _KEPT)
+            for found in some(starts[group], objectives[group])
+        ]
 
     return _finished([(start.structure, start.values) for start in starts], make)
 
@@ -311,6 +330,11 @@ def _best(objective: Objective, case: Case, residual: FloatArray) -> tuple[Fit, 
 def _residuals(objective: Objective, cases: Sequence[Case]) -> Iterator[FloatArray]:
     for group in objective.grouped(cases):
         yield from objective.residuals(cases[group])
+
+
+def _simulated(objective: Objective, cases: Sequence[Case]) -> Iterator[FloatArray]:
+    for group in objective.grouped(cases):
+        yield from objective.simulated(cases[group])
 
 
 def _finished(

@@ -14,8 +14,9 @@ import numpy as np
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.certainty import certainty
-from walkerkit.gap.search.evidence import Evidence, weigh
+from walkerkit.gap.search.evidence import Evidence, weigh, weigh_by
 from walkerkit.gap.search.fit import evaluate, fit, polished
+from walkerkit.gap.search.objective import refine
 from walkerkit.gap.search.places import places_needed, refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned
@@ -70,10 +71,29 @@ def over_whole(problem: Problem, current: Fit) -> Fit | None:
     return found if after < before + _AS_GOOD else None
 
 
-def finalist(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
-    """As the present explanation was: fitted to all recordings, its numerical error its own."""
-    current = _refitted(problem, current)
-    return current, weigh(problem, [current])
+def finalists(problem: Problem, fits: Sequence[Fit]) -> list[tuple[Fit, Evidence]]:
+    """As the present explanation was: fitted to all recordings, their numerical errors their own.
+
+    The problem has that of the last.
+    """
+    if not fits:
+        return []
+    fit, held = problem.fit, problem.held
+    own = [(fit.objective.apart(), held.objective.apart()) for _ in fits]
+    refine(
+        [
+            (objective, half.finer, one.case)
+            for one, objectives in zip(fits, own, strict=True)
+            for half, objective in zip((fit, held), objectives, strict=True)
+        ]
+    )
+    problem.refine(fits[-1])
+    found = polished(
+        problem.fit.objective, fits, iterations=_REFITS, own=[fitted for fitted, _ in own]
+    )
+    return [
+        (one, weigh_by(fitted, held, [one])) for one, (fitted, held) in zip(found, own, strict=True)
+    ]
 
 
 def _refitted(problem: Problem, current: Fit) -> Fit:

@@ -19,7 +19,7 @@ from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.contest import Contest, contests, plainer, size_of
 from walkerkit.gap.search.evidence import Evidence, weigh, weigh_as_told
 from walkerkit.gap.search.fit import Progress, evaluate
-from walkerkit.gap.search.keeping import finalist, kept, over_whole, settled
+from walkerkit.gap.search.keeping import finalists, kept, over_whole, settled
 from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms
@@ -153,20 +153,19 @@ def _grown(
     fits, evidence = list(tried.fits), Evidence.joined([base, tried.evidence])
     refined: set[int] = set()
 
-    def with_own_numerical_error(i: int) -> None:
+    def with_own_numerical_error(some: Sequence[int]) -> None:
         nonlocal evidence
-        fits[i], found = finalist(problem, fits[i])
-        evidence = evidence.replaced(i + 1, found)
-        refined.add(i)
+        for i, (one, found) in zip(some, finalists(problem, [fits[i] for i in some]), strict=True):
+            fits[i], evidence = one, evidence.replaced(i + 1, found)
+            refined.add(i)
 
     # The numerical error was that of the current model; those who could win get their own.
-    for i in _finalists(fits, evidence):
-        with_own_numerical_error(i)
+    with_own_numerical_error(_could_win(fits, evidence))
     open_to = list(range(len(fits)))
     for _ in range(_MOST_FINALISTS):
         winner = _winner(problem, fits, evidence, open_to)
         while winner is not None and winner not in refined:
-            with_own_numerical_error(winner)
+            with_own_numerical_error([winner])
             winner = _winner(problem, fits, evidence, open_to)
         if winner is None:
             break
@@ -303,7 +302,7 @@ def _told(
     return tuple(rounds)
 
 
-def _finalists(fits: Sequence[Fit], evidence: Evidence) -> list[int]:
+def _could_win(fits: Sequence[Fit], evidence: Evidence) -> list[int]:
     """Candidates that could still win, best first; the first fit of the evidence is the base.
 
     One that is behind the best by more than chance can win only if it is simpler.
@@ -312,10 +311,10 @@ def _finalists(fits: Sequence[Fit], evidence: Evidence) -> list[int]:
     order = [int(i) for i in np.argsort(-gain, kind="stable")[:_MOST_FINALISTS]]
     resampled = evidence.both_resampled[:, 1:]
 
-    def could_win(i: int) -> bool:
+    def in_reach(i: int) -> bool:
         best = order[0]
         ahead = np.mean(resampled[:, i] <= resampled[:, best])
         return size_of(fits[i]) < size_of(fits[best]) or bool(ahead > _CHANCE)
 
     least = max(0.0, _IN_REACH * gain.max(initial=0.0))
-    return [i for i in order if gain[i] > least and could_win(i)]
+    return [i for i in order if gain[i] > least and in_reach(i)]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Hashable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -95,13 +96,17 @@ class Objective:
         self._refined: deque[tuple[Hashable, FloatArray, FloatArray]] = deque(maxlen=_REMEMBERED)
         self._coarse = False
 
+    def apart(self) -> Objective:
+        """The same recordings, to have another numerical error; what is known of such is shared."""
+        return copy(self)
+
     def leave_as_simulated(self) -> None:
         """Takes no numerical error out of what will be simulated."""
         self.numerical = np.zeros((0, *self.measured.shape))
 
     def refine(self, finer: Sequence[Objective], case: Case, own: FloatArray | None = None) -> None:
         """As `refine`, of this objective alone, whose residual (rows, n_scored) may be known."""
-        refine([(self, finer)], case, own)
+        refine([(self, finer, case)], own)
 
     def _remembers(self, case: Case) -> bool:
         """Whether the numerical error is known at these values, nearly; it is that one then."""
@@ -164,7 +169,7 @@ class Objective:
         Rows of trials that diverged are NaN.
         """
         residual = self._as_simulated(cases)
-        self._take_out_numerical_error(residual)
+        self.take_out_numerical_error(residual)
         return _per_case(residual, cases)
 
     def simulated(self, cases: Sequence[Case]) -> list[FloatArray]:
@@ -211,7 +216,7 @@ class Objective:
         """
         at = residual[None].copy()
         weights = self._numerical_weights(at)[0]
-        (factors,) = self._take_out_numerical_error(at)
+        (factors,) = self.take_out_numerical_error(at)
         low, high = self.numerical_bounds().T
         free = self.numerical[(low < factors) & (factors < high)]
         if not len(free):
@@ -224,7 +229,7 @@ class Objective:
 
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
         """(n of all cases, rows, n_scored) residuals with their numerical error."""
-        (residual,) = _side_by_side([self], cases)
+        (residual,) = _each_simulated([(self, cases)])
         return residual
 
     def _less_measured(self, predicted: Sequence[FloatArray]) -> FloatArray:
@@ -244,7 +249,7 @@ class Objective:
         residual[failed] = np.nan
         return residual
 
-    def _take_out_numerical_error(self, residual: FloatArray) -> FloatArray:
+    def take_out_numerical_error(self, residual: FloatArray) -> FloatArray:
         """Adds the best multiples of the numerical changes to each (rows, n_scored) residual.
 
         Returns:
@@ -325,31 +330,36 @@ class Objective:
 
 
 def refine(
-    objectives: Sequence[tuple[Objective, Sequence[Objective]]],
-    case: Case,
-    own: FloatArray | None = None,
+    wanted: Sequence[tuple[Objective, Sequence[Objective], Case]], own: FloatArray | None = None
 ) -> None:
     """Takes the numerical error at some values as that of all that objectives will simulate.
 
     Args:
-        objectives: each with the same recordings replayed at a finer timestep, then also with
+        wanted: each objective with the same recordings replayed at a finer timestep, then also with
             another integrator, then at a timestep finer still, which only counts where the first
-            changes much; none of these with numerical errors of their own taken out.
-        case: one row of values.
+            changes much; none of these with numerical errors of their own taken out. And one row
+            of values.
         own: (rows, n_scored) the residual of the first as simulated, where it is known.
     """
-    wanted = []
-    for one, finer in objectives:
+    unknown = []
+    for k, (one, finer, case) in enumerate(wanted):
         one.leave_as_simulated()
         if not one._remembers(case):
             # What was wanted the last time is asked for at once, to be done side by side.
-            wanted.append((one, finer, list(finer if one._coarse else finer[:2])))
-    known = own is not None and wanted and wanted[0][0] is objectives[0][0]
-    every = [each for one, _, asked in wanted for each in (one, *asked)][1 if known else 0 :]
-    found = iter([one[0] for one in _side_by_side(every, [case])])
-    for k, (one, finer, asked) in enumerate(wanted):
-        coarse = own if own is not None and known and k == 0 else next(found)
-        residuals = [coarse, *(next(found) for _ in asked)]
+            asked = list(finer if one._coarse else finer[:2])
+            unknown.append((one, finer, case, own if k == 0 else None, asked))
+    found = iter(
+        _each_simulated(
+            [
+                (each, [case])
+                for one, _, case, known, asked in unknown
+                for each in (*([one] if known is None else []), *asked)
+            ]
+        )
+    )
+    for one, finer, case, known, asked in unknown:
+        coarse = next(found)[0] if known is None else known
+        residuals = [coarse, *(next(found)[0] for _ in asked)]
         changed = np.sqrt(one.mean_square(residuals[1] - coarse))
         one._coarse = bool((changed > _COARSE * one.floor).any())
         if not one._coarse:
@@ -366,8 +376,9 @@ def residuals_of(
     sizes = [sum(one.measured.nbytes for one in objectives) * len(case.values) for case in cases]
     for group in consecutive(sizes, _MEMORY):
         each = []
-        for one, residual in zip(objectives, _side_by_side(objectives, cases[group]), strict=True):
-            one._take_out_numerical_error(residual)
+        simulated = _each_simulated([(one, cases[group]) for one in objectives])
+        for one, residual in zip(objectives, simulated, strict=True):
+            one.take_out_numerical_error(residual)
             each.append(_per_case(residual, cases[group]))
         yield from (list(of_case) for of_case in zip(*each, strict=True))
 
@@ -383,17 +394,18 @@ def consecutive(sizes: Sequence[int], most: int) -> list[slice]:
     return [*groups, slice(start, len(sizes))] if sizes else []
 
 
-def _side_by_side(objectives: Sequence[Objective], cases: Sequence[Case]) -> list[FloatArray]:
-    """Of each objective (n of all cases, rows, n_scored) residuals as simulated."""
-    if not objectives:
+def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[FloatArray]:
+    """Of each objective (n of all its cases, rows, n_scored) residuals as simulated."""
+    if not wanted:
         return []
-    replays = [replay for one in objectives for replay in one.replays]
+    pairs = [(replay, cases) for one, cases in wanted for replay in one.replays]
     trials = [
         Trials.joined([case.structure.trials(replay.robot, case.values) for case in cases])
-        for replay in replays
+        for replay, cases in pairs
     ]
-    predicted = iter(predict_together(replays, trials, objectives[0].n_threads))
-    return [one._less_measured([next(predicted) for _ in one.replays]) for one in objectives]
+    n_threads = wanted[0][0].n_threads
+    predicted = iter(predict_together([replay for replay, _ in pairs], trials, n_threads))
+    return [one._less_measured([next(predicted) for _ in one.replays]) for one, _ in wanted]
 
 
 def _bounded_least_squares(

@@ -187,7 +187,8 @@ class Problem:
 
     def refine(self, current: Fit) -> None:
         """Takes the numerical error at a fit as that of all that will be simulated."""
-        refine([(half.objective, half.finer) for half in (self.fit, self.held)], current.case)
+        halves = self.fit, self.held
+        refine([(half.objective, half.finer, current.case) for half in halves])
 
 
 def build(

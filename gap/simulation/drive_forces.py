@@ -175,9 +175,10 @@ class DriveForces:
             q: (n_sims, n_joints) positions [rad; m].
             qd: (n_sims, n_joints) velocities [rad/s; m/s].
         """
-        at = self.columns
-        effort = asked + self._per_position * q[:, at]
-        effort += self._per_velocity * qd[:, at]
+        if self._slope.size < self._n_joints:
+            q, qd = q[:, self.columns], qd[:, self.columns]
+        effort = asked + self._per_position * q
+        effort += self._per_velocity * qd
         np.maximum(effort, self._lowest, out=effort)
         np.minimum(effort, self._highest, out=effort)
         return self._of_joints(effort)

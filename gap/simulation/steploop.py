@@ -59,6 +59,7 @@ def rollout_with_laws(
     live_qpos, live_qvel = batch.live("qpos"), batch.live("qvel")
     q, qd = _Columns(live_qpos, qposes), _Columns(live_qvel, dofs)
     live_ctrl, live_applied = batch.live("ctrl"), batch.live("qfrc_applied")
+    applied = _Columns(live_applied, dofs)
     act = None if forces.filters is None else batch.live("act")
     changed = None
     if ahead is not None or bank.has("controller") or bank.has("drive"):
@@ -70,8 +71,8 @@ def rollout_with_laws(
         loop.step.play, loop.step.play_speed = np.zeros((2, *laws.shape))
     rubbing, rubbed = bank.has("joint"), False
     if rubbing:
-        dry = batch.parameter("dof_frictionloss")
-        loop.step.dry = own_dry = dry[:, dofs].copy()
+        dry = _Columns(batch.parameter("dof_frictionloss"), dofs)
+        loop.step.dry = own_dry = dry.now().copy()
 
     def before(k: int) -> None:
         nonlocal rubbed
@@ -84,14 +85,18 @@ def rollout_with_laws(
         live_ctrl[...] = ctrl[:, k]
         if loop.control is not None:
             live_ctrl[:, forces.ctrl] = loop.control
-        live_applied[...] = 0.0 if qfrc_applied is None else qfrc_applied[:, k]
-        live_applied[:, dofs] += loop.changed + loop.step.extra
+        beside = loop.changed + loop.step.extra
+        if qfrc_applied is None:
+            applied.put(beside)
+        else:
+            live_applied[...] = qfrc_applied[:, k]
+            live_applied[:, dofs] += beside
         if changed is not None:
             np.add(loop.changed, loop.step.effort_ahead, out=changed[k])
         if rubbing:
             friction = loop.step.friction
             if rubbed or friction.any():
-                dry[:, dofs] = np.maximum(own_dry + friction, 0.0)
+                dry.put(np.maximum(own_dry + friction, 0.0))
                 rubbed = True
 
     # A variant that is about to diverge is not worth a warning.
@@ -118,6 +123,13 @@ class _Columns:
         """As they are now: the same view every time, where it can be one."""
         return self._live[:, self._columns] if self._view is None else self._view
 
+    def put(self, values: FloatArray) -> None:
+        """Writes to them."""
+        if self._view is None:
+            self._live[:, self._columns] = values
+        else:
+            self._view[...] = values
+
 
 class _Loop:
     """The laws of one step after the other.
@@ -136,14 +148,15 @@ class _Loop:
         self.step = laws.step()
         self.control: FloatArray | None = None
         self.changed = self.step.effort
-        self._start = self.step.time
+        self._times = self.step.time
         self._controls = self._targets = self._asked = self._zeros = self.step.effort
         self._ahead: FloatArray | None = None
 
     def begin(self, ctrl: FloatArray, time: FloatArray, ahead: FloatArray | None = None) -> None:
         """Takes up the controls of the steps that follow, (n_sims, n_steps, nu), from a time on."""
         self._ahead = ahead
-        self._start = time[:, None]
+        steps = np.arange(ctrl.shape[1])
+        self._times = time[:, None] + (steps * self.step.dt)[:, None, None]
         self._controls = np.ascontiguousarray(ctrl[..., self._forces.ctrl].swapaxes(0, 1))
         self._targets = self._forces.targets(self._controls)
         self._asked = self._forces.asked(self._controls)
@@ -165,7 +178,7 @@ class _Loop:
     def _driven(self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None) -> FloatArray:
         """Runs controller and drive; returns the effort made without laws of the drive."""
         step, forces = self.step, self._forces
-        step.time = self._start + k * step.dt
+        step.time = self._times[k]
         step.q, step.qd = q, qd
         step.target, asked = self._targets[k], self._asked[k]
         step.target_ahead = self._zeros if self._ahead is None else self._ahead[:, k]

@@ -276,18 +276,18 @@ def test_who_wins_a_round_is_judged_by_its_own_numerical_error(
     leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
     judged: list[str] = []
 
-    def finalist(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
-        found, evidence = keeping.finalist(problem, current)
-        judged.append(current.structure.terms[-1].effect.name)
+    def finalists(problem: Problem, fits: Sequence[Fit]) -> list[tuple[Fit, Evidence]]:
+        ((found, evidence),) = keeping.finalists(problem, fits)
+        judged.append(found.structure.terms[-1].effect.name)
         if len(judged) == 1:  # as if its own error hid all that it explains
             evidence = weigh(problem, [replace(found, values=found.structure.zero)])
-        return found, evidence
+        return [(found, evidence)]
 
     def best(fits: Sequence[Fit], evidence: Evidence) -> list[int]:
         return [int(np.argmin(evidence.both[1:]))][: len(fits)]
 
-    monkeypatch.setattr(naming, "finalist", finalist)
-    monkeypatch.setattr(naming, "_finalists", best)
+    monkeypatch.setattr(naming, "finalists", finalists)
+    monkeypatch.setattr(naming, "_could_win", best)
     search(leg, "coulomb_friction", "asymmetric_friction")
     assert sorted(judged[:2]) == ["asymmetric_friction", "coulomb_friction"]
 
