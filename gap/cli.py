@@ -49,7 +49,9 @@ Window = Annotated[
     float,
     typer.Option(help="Seconds between restarts where joints are driven by effort."),
 ]
-Threads = Annotated[int, typer.Option(min=0, help="Threads of the simulation, 0 for all cores.")]
+Threads = Annotated[
+    int, typer.Option(min=0, help="Threads and processes of the simulation, 0 for all cores.")
+]
 Effects = Annotated[
     list[str] | None, typer.Option(help="Consider only this effect. May be repeated.")
 ]

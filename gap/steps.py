@@ -67,7 +67,8 @@ def load(
         window: seconds after which replays restart where joints are driven by effort.
         hold: what the targets are between their samples; by default what the model's
             `actuators.json` says, else they are held (`zero_order`).
-        n_threads: threads of the simulation, 0 for all cores. Results do not depend on it.
+        n_threads: threads of the simulation, and processes of its laws, 0 for all cores. Results
+            do not depend on it.
         allow_code: a manifest may name `package.module:callable` as a model.
         allow_outside: a model's meshes and included files may lie outside of its folder.
 

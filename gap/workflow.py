@@ -144,7 +144,8 @@ def diagnose(
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
         effects: names of the effects to consider; all by default.
-        n_threads: threads of the simulation, 0 for all cores. Results do not depend on it.
+        n_threads: threads of the simulation, and processes of its laws, 0 for all cores. Results
+            do not depend on it.
         allow_code: a manifest may name `package.module:callable` as a model.
         allow_outside: a model's meshes and included files may lie outside of its folder.
         progress: called with what is being done and how far it is.

@@ -292,6 +292,20 @@ def test_who_wins_a_round_is_judged_by_its_own_numerical_error(
     assert sorted(judged[:2]) == ["asymmetric_friction", "coulomb_friction"]
 
 
+def test_finalists_are_fitted_as_each_is_alone(problem: Make) -> None:
+    leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
+    names = ("coulomb_friction", "viscous_friction", "quadratic_drag")
+    effects = [CATALOGUE[name] for name in names]
+    (nothing,) = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
+    fits = Tries(leg, effects, None).each_on_top_of(nothing, effects)
+    assert len(fits) >= len(names)
+    together = keeping.finalists(leg, fits[:3])
+    for one, (found, evidence) in zip(fits, together, strict=False):
+        ((alone, own),) = keeping.finalists(leg, [one])
+        np.testing.assert_allclose(found.values, alone.values, rtol=1e-9)
+        np.testing.assert_allclose(evidence.both, own.both, rtol=1e-9)
+
+
 def test_an_effect_that_stood_in_for_others_leaves_again(problem: Make) -> None:
     hidden = (
         hide("coulomb_friction", "knee", frictionloss=0.3),
