@@ -78,16 +78,16 @@ def finalists(problem: Problem, fits: Sequence[Fit]) -> list[tuple[Fit, Evidence
     """
     if not fits:
         return []
-    fit, held = problem.fit, problem.held
-    own = [(fit.objective.apart(), held.objective.apart()) for _ in fits]
+    halves = problem.fit, problem.held
+    own = [tuple(half.objective.apart() for half in halves) for _ in fits]
     refine(
         [
             (objective, half.finer, one.case)
             for one, objectives in zip(fits, own, strict=True)
-            for half, objective in zip((fit, held), objectives, strict=True)
+            for half, objective in zip(halves, objectives, strict=True)
         ]
     )
-    problem.refine(fits[-1])
+    problem.refine(fits[-1])  # which is known now
     found = polished(
         problem.fit.objective, fits, iterations=_REFITS, own=[fitted for fitted, _ in own]
     )
