@@ -15,6 +15,7 @@ are as stiff as it can (√(K/I) = 1/h, I the inertia of rotor against link).
 from __future__ import annotations
 
 import copy
+import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -44,6 +45,10 @@ _SMALLEST = 1e-12
 _SHUT = 1e12  # times what the link weighs, a play does not move
 _TILT = 1e-12  # of a slide joint's axis
 _WIDTH = 0.001  # rad; stops have one impedance, however far they give way
+# Of models, which are never written to, a copy that is, and its data.
+_SCRATCH: weakref.WeakKeyDictionary[mujoco.MjModel, tuple[mujoco.MjModel, mujoco.MjData]] = (
+    weakref.WeakKeyDictionary()
+)
 
 _COPIED = (
     *("type", "pos", "axis", "ref", "align", "stiffness", "springref", "springdamper", "damping"),
@@ -237,8 +242,10 @@ def loads(
     """
     known: dict[bytes, FloatArray] = {}
     found = []
-    model = copy.copy(trials.robot.model)
-    data = mujoco.MjData(model)
+    given = trials.robot.model
+    if given not in _SCRATCH:
+        _SCRATCH[given] = copy.copy(given), mujoco.MjData(given)
+    model, data = _SCRATCH[given]
     for row in range(trials.n):
         own = {name: values[row] for name, values in trials.fields.items()}
         key = b"".join(values.tobytes() for values in own.values())
@@ -248,6 +255,8 @@ def loads(
             floats = trials.robot.base is not None
             known[key] = _loads(model, data, floats, played, joints, state, driven)
         found.append(known[key])
+    for name in trials.fields:
+        model_field(model, name)[...] = model_field(given, name)
     return np.stack(found)
 
 

@@ -168,24 +168,34 @@ def integral_at_start(
     # A slow integrator has not settled, and takes over nothing at all as its gain goes to 0.
     settled = -np.expm1(-_SWITCHED_ON * p["gain"] / np.where(stiffness > 0, stiffness, np.inf))
     added = np.clip(settled * missing, -most, most)
-    for s, segment in enumerate(segments):
-        rows = slice(s, None, n_segments)
-        errors = _errors(segment, joints, laws.forces.stiffness[0] > 0)
-        added[rows] = _summed(added[rows], p["gain"][rows], errors, most[rows])
-    return added
+    each = [_errors(segment, joints, laws.forces.stiffness[0] > 0) for segment in segments]
+    errors = np.zeros((max(len(one) for one in each), n_segments, len(joints)))
+    for s, one in enumerate(each):
+        errors[: len(one), s] = one
+    start, gain, most = (
+        values.reshape(-1, n_segments, len(joints)) for values in (added, p["gain"], most)
+    )
+    return _summed(start, gain, errors, most).reshape(added.shape)
 
 
 def _summed(
     start: FloatArray, gain: FloatArray, errors: FloatArray, most: FloatArray
 ) -> FloatArray:
-    """What an integrator within ±`most` makes of errors (n, n_joints); others are (n_sims, ...)."""
+    """Where an integrator within ±`most` gets from a start.
+
+    Args:
+        start: (n, n_segments, n_joints).
+        gain: of the same shape, by which it multiplies what it sums.
+        errors: (n_steps, n_segments, n_joints) that it sums.
+        most: as the start.
+    """
     if not len(errors):
         return start
     so_far = np.cumsum(errors, axis=0)
     highest, lowest = start + gain * so_far.max(axis=0), start + gain * so_far.min(axis=0)
     held = (highest > most) | (lowest < -most)
     added: FloatArray = start + gain * so_far[-1]
-    some = held.any(axis=1)
+    some = held.any(axis=(1, 2))
     if some.any():
         bounded, per_error, ends = start[some], gain[some], most[some]
         for error in errors:
