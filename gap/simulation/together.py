@@ -31,7 +31,7 @@ Done = tuple[Rollout, FloatArray | None]
 Controlled = tuple[FloatArray, FloatArray | None]
 
 _LAWS = 15  # simulations that take as long as laws do in each step
-_WORTH_PROCESSES = 30_000  # steps
+_WORTH_PROCESSES = 12_000  # steps
 _FEWEST = 4  # simulations of a rollout that is shared
 _UNEVEN = 1.1  # of a fair share
 _LENGTH_RATIO = 0.8  # of the shortest to the longest of a batch, about
