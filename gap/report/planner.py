@@ -83,8 +83,7 @@ def next_experiment(problem: Problem, members: Sequence[Fit]) -> Plan | None:
     if len(members) < 2 or any(robot.joints[j].drive("position") is None for j in problem.joints):
         return None
     tried: list[_Choice] = []
-    battery = _choices(_Bench(problem, members))
-    for _, alike in groupby(battery, key=lambda one: one.set_up.trouble):
+    for alike in _choices(_Bench(problem, members)):
         tried += alike
         if any(one.separation >= _CLEARLY for one in tried):
             break
@@ -188,8 +187,8 @@ class _Bench:
         )
 
 
-def _choices(bench: _Bench) -> Iterator[_Choice]:
-    """The battery as far as it is safe, what is least trouble first."""
+def _choices(bench: _Bench) -> Iterator[list[_Choice]]:
+    """The battery as far as it is safe, what is as much trouble together, the least first."""
     changes = set_ups(
         bench.robot,
         bench.joints,
@@ -216,7 +215,7 @@ def _choices(bench: _Bench) -> Iterator[_Choice]:
                         separation=bench.separation(predicted, set_up),
                         targets=log,
                     )
-        yield from (chosen[k] for k in sorted(chosen))
+        yield [chosen[k] for k in sorted(chosen)]
 
 
 def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Recording:

@@ -86,11 +86,10 @@ def rollout_with_laws(
         if loop.control is not None:
             live_ctrl[:, forces.ctrl] = loop.control
         beside = loop.changed + loop.step.extra
-        if qfrc_applied is None:
-            applied.put(beside)
-        else:
+        if qfrc_applied is not None:
             live_applied[...] = qfrc_applied[:, k]
-            live_applied[:, dofs] += beside
+            beside += applied.now()
+        applied.put(beside)
         if changed is not None:
             np.add(loop.changed, loop.step.effort_ahead, out=changed[k])
         if rubbing:

@@ -236,11 +236,11 @@ def _shares(asked: Mapping[int, Asked], n_processes: int) -> list[list[_Piece]]:
     for k, one in sorted(asked.items(), key=lambda item: -item[1].effort):
         parts = min(n_processes, one.n_sims // _FEWEST)
         least = int(np.argmin(efforts))
-        if parts < 2 or efforts[least] + one.effort <= fair:
+        if one.laws is None or parts < 2 or efforts[least] + one.effort <= fair:
             give(least, _Piece(of=k, rows=np.arange(one.n_sims), asked=one))
             continue
         # What has the same laws stays together, so that each process runs few.
-        order = np.arange(one.n_sims) if one.laws is None else np.lexsort(one.laws.present.T)
+        order = np.lexsort(one.laws.present.T)
         for share, rows in zip(np.argsort(efforts), np.array_split(order, parts), strict=False):
             give(int(share), _Piece(of=k, rows=rows, asked=one.some(rows)))
     return [share for share in shares if share]
