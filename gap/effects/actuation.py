@@ -19,6 +19,7 @@ class PositionGain(JointEffect):
     """The drive's proportional gain is not the model's."""
 
     name = "position_gain"
+    part = "gain"
     equation = "τ = Δkp (u − q), Δkp: kp [N·m/rad]"
     symptom = "proportional to position error"
     added_as = "actuator gainprm, biasprm"
@@ -63,6 +64,7 @@ class VelocityGain(JointEffect):
     """The drive's derivative gain is not the model's."""
 
     name = "velocity_gain"
+    part = "gain"
     equation = "τ = −Δkd q̇, made by the drive, Δkd: kd [N·m·s/rad]"
     symptom = "proportional to speed"
     added_as = "actuator biasprm"
@@ -112,6 +114,7 @@ class TorqueConstant(JointEffect):
     """The motor makes more or less torque than the drive believes."""
 
     name = "torque_constant"
+    part = "gain"
     equation = "τ (1 + α), α: strength [1]; the log shows τ"
     symptom = "proportional to effort"
     added_as = "actuator gainprm, biasprm and forcerange together"
@@ -150,6 +153,7 @@ class TorqueBias(JointEffect):
     """A constant torque that the drive does not know of."""
 
     name = "torque_bias"
+    part = "pose"
     equation = "τ + c, c: bias [N·m]; the log shows τ"
     symptom = "constant"
     added_as = "actuator biasprm"
@@ -188,6 +192,7 @@ class EffortLimit(JointEffect):
     """The drive saturates at a lower effort than the model's."""
 
     name = "effort_limit"
+    part = "strength"
     equation = "clip(τ, ±F), F: limit [N·m]"
     symptom = "peaks only"
     added_as = "actuator forcerange"

@@ -29,6 +29,9 @@ from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
 SiteKind = Literal["joint", "body", "robot"]
+Part = Literal[
+    "friction", "mass", "pose", "gain", "strength", "timing", "encoder", "play", "ground", ""
+]
 EVERYWHERE = "*"  # the site of an effect of the whole robot, and of a value shared by all joints
 
 
@@ -76,6 +79,9 @@ class Effect(abc.ABC):
         symptom: where its residual shows.
         added_as: what it becomes in the model.
         source: where the equation is from.
+        part: what of the robot it changes. An unknown law of that part is fitted by two known ones
+            as a function is by the first terms of a series, so that two of one part at the same
+            joint are less sure than each would be. Empty for one of its own kind.
         kind: whether its sites are joints, bodies or the whole robot.
         shared: the same cause usually acts on all joints (a bus, a filter), so that one value for
             all is preferred where the data allow it.
@@ -93,6 +99,7 @@ class Effect(abc.ABC):
     symptom: ClassVar[str]
     added_as: ClassVar[str]
     source: ClassVar[str]
+    part: ClassVar[Part] = ""
     kind: ClassVar[SiteKind] = "joint"
     shared: ClassVar[bool] = False
     fitted: ClassVar[bool] = True

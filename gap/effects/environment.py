@@ -17,6 +17,7 @@ class BaseTilt(Effect):
     """The base is not mounted level, so that gravity points elsewhere in its frame."""
 
     name = "base_tilt"
+    part = "pose"
     equation = "g rotated by roll about x and pitch about y of the world frame [rad]"
     symptom = "sin(q + δ), all joints"
     added_as = "option/gravity"
@@ -64,6 +65,7 @@ class EndStop(JointEffect):
     """
 
     name = "end_stop"
+    part = "pose"
     equation = (
         "τ = −K r − 2 ζ √(K I) ṙ as far as it pushes back, r: q beyond lower or upper [rad], "
         "K: stiffness [N·m/rad], ζ: damping_ratio [1], I: the joint's inertia"

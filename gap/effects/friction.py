@@ -12,6 +12,7 @@ class ViscousFriction(JointEffect):
     """Friction that grows with speed. Back-EMF of a voltage-driven motor has the same form."""
 
     name = "viscous_friction"
+    part = "friction"
     ordinary = True
     equation = "τ = −b q̇, b: damping [N·m·s/rad]"
     symptom = "grows with speed"
@@ -46,6 +47,7 @@ class CoulombFriction(JointEffect):
     """Dry friction: constant, against the motion."""
 
     name = "coulomb_friction"
+    part = "friction"
     ordinary = True
     equation = "τ = −Fc sgn q̇, Fc: frictionloss [N·m]"
     symptom = "jump at velocity reversal"
@@ -83,6 +85,7 @@ class QuadraticDrag(JointEffect):
     """Drag of a fluid or a fan: it grows with the square of speed."""
 
     name = "quadratic_drag"
+    part = "friction"
     equation = "τ = −b₂ q̇|q̇|, b₂: drag [N·m·s²/rad²]"
     symptom = "high speed only"
     added_as = 'joint damping="b b₂ b₃"'

@@ -45,6 +45,7 @@ class GroundFriction(GroundEffect):
     """Feet slip sooner or later than the model says."""
 
     name = "ground_friction"
+    part = "ground"
     equation = "|F_t| ≤ (μ + Δμ) F_n, Δμ: friction [1], of all contacts with the ground"
     symptom = "slip while in contact"
     added_as = "geom friction, of robot and ground"
@@ -98,6 +99,7 @@ class GroundCompliance(GroundEffect):
     """
 
     name = "ground_compliance"
+    part = "ground"
     equation = (
         "contacts as springs of time constant T + ΔT at their damping ratio, of impedance d + Δd; "
         "ΔT: timeconst [s], Δd: impedance [1]"

@@ -19,6 +19,7 @@ class Armature(JointEffect):
     """Inertia of the rotor and gears as it appears at the joint."""
 
     name = "armature"
+    part = "mass"
     ordinary = True
     equation = "τ = −Iₐ q̈, Iₐ: armature [kg·m²]"
     symptom = "proportional to acceleration"
@@ -72,6 +73,7 @@ class Payload(Effect):
     """Mass that a body carries at its centre of mass: a battery, a foot, a cable."""
 
     name = "payload"
+    part = "mass"
     equation = "body mass + Δm at its centre of mass, Δm: mass [kg]"
     symptom = "pose and acceleration"
     added_as = "body mass"
@@ -110,6 +112,7 @@ class ComOffset(Effect):
     """
 
     name = "com_offset"
+    part = "mass"
     equation = "centre of mass + Δr in the body's frame, Δr: x, y, z [m]"
     symptom = "sin/cos of pose"
     added_as = "inertial pos"

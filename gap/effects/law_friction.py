@@ -22,6 +22,7 @@ class LoadDependentFriction(LawEffect):
     law = drivetrain.LoadDependentFriction
     driven = dry = True
     name = "load_dependent_friction"
+    part = "friction"
     equation = "τ = −μ|τ| sgn q̇ of the drive's τ, μ: coefficient [1]"
     symptom = "grows with load"
     source = "Hamon, Gautier, Garrec, IEEE/RSJ IROS 2010; Duclusaud et al., BAM, 2024"
@@ -47,6 +48,7 @@ class DirectionalEfficiency(LawEffect):
     law = drivetrain.DirectionalEfficiency
     driven = dry = True
     name = "directional_efficiency"
+    part = "friction"
     equation = "τ η₁ while τ q̇ > 0, τ η₂ while τ q̇ < 0; η₁: driving [1], η₂: backdriving [1]"
     symptom = "drive ≠ backdrive"
     source = "Wang, Kim, Directional efficiency in geared transmissions, IEEE ICRA 2015"
@@ -77,6 +79,7 @@ class AsymmetricFriction(JointEffect):
     """Dry friction that is stronger one way: a preloaded gear, a brush, a seal."""
 
     name = "asymmetric_friction"
+    part = "friction"
     equation = "τ = −Fc⁺ for q̇ > 0, Fc⁻ for q̇ < 0; Fc⁺: forward, Fc⁻: backward [N·m]"
     symptom = "one direction only"
     added_as = (
@@ -128,6 +131,7 @@ class StribeckFriction(LawEffect):
     law = drivetrain.StribeckFriction
     dry = True
     name = "stribeck_friction"
+    part = "friction"
     equation = (
         "τ = −(Fs − Fc) exp(−|q̇/vs|^α) sgn q̇; Fs − Fc: breakaway [N·m], vs: velocity [rad/s], "
         "α: exponent [1]"
@@ -181,6 +185,7 @@ class PreslidingFriction(JointEffect):
     """
 
     name = "presliding_friction"
+    part = "friction"
     equation = (
         "τ = −σ₀ z, ż = q̇ − σ₀|q̇| z/Fc, σ₀ = Fc/bend [N·m/rad]; bend: how far they bend [rad], "
         "Fc: the model's dry friction and frictionloss [N·m]"

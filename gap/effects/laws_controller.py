@@ -16,6 +16,7 @@ class SetpointFilter(LawEffect):
 
     law = laws.SetpointFilter
     name = "setpoint_filter"
+    part = "timing"
     equation = "first-order filter on u, T: time_constant [s]"
     symptom = "rounds the steps of the targets"
     source = "MuJoCo XML reference, actuator/position/timeconst"
@@ -31,6 +32,7 @@ class SlewLimit(LawEffect):
 
     law = laws.SlewLimit
     name = "slew_limit"
+    part = "timing"
     equation = "|u̇| ≤ r, r: rate [rad/s]"
     symptom = "fast moves only"
     source = "profile velocity of a servo drive, CiA 402 object 6081h"
@@ -62,6 +64,7 @@ class SampleAndHold(LawEffect):
 
     law = laws.SampleAndHold
     name = "sample_and_hold"
+    part = "timing"
     equation = "u taken up at multiples of T and held between them, T: period [s]"
     symptom = "stairs in effort and motion"
     source = "zero-order hold: Åström, Wittenmark, Computer-Controlled Systems, 3rd ed., ch. 2"
@@ -87,6 +90,7 @@ class ControllerDeadband(LawEffect):
 
     law = laws.ControllerDeadband
     name = "controller_deadband"
+    part = "gain"
     equation = "|u − q| < δ → 0, δ: width [rad]"
     symptom = "small errors"
     source = "dead zone: Slotine, Li, Applied Nonlinear Control, 1991, ch. 5"
@@ -114,6 +118,7 @@ class IntegralAction(LawEffect):
 
     law = laws.IntegralAction
     name = "integral_action"
+    part = "gain"
     equation = "τ + ki ∫(u − q) dt, at most ±clamp; ki: gain [N·m/(rad·s)], clamp [N·m]"
     symptom = "slow decay of an offset"
     source = "PID control: Åström, Hägglund, Advanced PID Control, 2006, ch. 3"
@@ -153,6 +158,7 @@ class VelocityFilter(LawEffect):
 
     law = laws.VelocityFilter
     name = "velocity_filter"
+    part = "timing"
     equation = "τ = −kd q̇ of a first-order filter on q̇, T: time_constant [s]"
     symptom = "lost damping at high frequency"
     source = "filtered derivative: Åström, Hägglund, Advanced PID Control, 2006, ch. 3"

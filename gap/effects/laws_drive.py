@@ -22,6 +22,7 @@ class TorqueSpeedLimit(LawEffect):
 
     law = laws.TorqueSpeedLimit
     name = "torque_speed_limit"
+    part = "strength"
     equation = (
         "τ between S (−1 − q̇/V) and S (1 − q̇/V), S: saturation_effort [N·m], "
         "V: velocity_limit [rad/s]"
@@ -65,6 +66,7 @@ class ActuatorLag(LawEffect):
 
     law = laws.ActuatorLag
     name = "actuator_lag"
+    part = "timing"
     equation = "first-order lag of τ, T: time_constant [s]"
     symptom = "high frequency"
     source = "electrical time constant L/R; MuJoCo XML reference, actuator/general/dyntype"
@@ -90,6 +92,7 @@ class StrengthDrift(LawEffect):
 
     law = laws.StrengthDrift
     name = "strength_drift"
+    part = "strength"
     equation = "τ (1 − γ t), γ: rate [1/s]; the log shows τ"
     symptom = "grows over minutes"
     source = "falling Kt and rising R(T) of a motor that warms up; MuJoCo XML reference, dcmotor"
@@ -116,6 +119,7 @@ class LoopDelay(LawEffect):
 
     law = laws.LoopDelay
     name = "loop_delay"
+    part = "timing"
     equation = "τ(t − d), feedback included, d: delay [s]"
     symptom = "phase and lost damping"
     source = "computing and bus delay in the loop: Åström, Wittenmark, ch. 3"
@@ -146,6 +150,7 @@ class SupplySag(Effect):
     """The supply sags under load, so that all drives' limits fall with the power drawn."""
 
     name = "supply_sag"
+    part = "strength"
     equation = "clip(τ, ±F (1 − c Σ|τ q̇|)), F the drive's limit, c: sag [1/W]"
     symptom = "many joints loaded at once"
     added_as = "drivetrain law in actuators.json"

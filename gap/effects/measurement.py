@@ -16,6 +16,7 @@ class EncoderOffset(JointEffect):
     """The encoder's zero is not the model's: the drive and the log see q + q₀."""
 
     name = "encoder_offset"
+    part = "encoder"
     equation = "measured q + q₀, q₀: ref [rad]"
     symptom = "constant; gravity mismatch"
     added_as = "joint ref"
@@ -57,6 +58,7 @@ class EncoderGain(JointEffect):
     """
 
     name = "encoder_gain"
+    part = "encoder"
     equation = "measured a q, a = 1 + excess, excess: excess [1]; the drive feeds a q, a q̇ back"
     symptom = "proportional to q"
     added_as = "actuator biasprm; measurement in actuators.json"
@@ -95,6 +97,7 @@ class KinematicError(JointEffect):
     """
 
     name = "kinematic_error"
+    part = "encoder"
     equation = (
         "logged q + A sin(N q + φ), A: amplitude [rad], N: periods [1/rad], φ: phase [rad]; the "
         "drive feeds q back"
@@ -163,6 +166,7 @@ class ClockSkew(Effect):
     """
 
     name = "clock_skew"
+    part = "timing"
     equation = "y at t (1 + ε), ε: skew [1]"
     symptom = "a lag that grows with time"
     added_as = "measurement in actuators.json"

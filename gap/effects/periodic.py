@@ -118,6 +118,7 @@ class PoseDependentFriction(_Periodic):
     form = "friction"
     swing = 2.0  # it goes from nothing to A
     name = "pose_dependent_friction"
+    part = "friction"
     equation = (
         "τ = −(Fc + A (1 + sin(N q + φ))/2) sgn q̇; Fc: frictionloss, more than the model's [N·m], "
         "A: amplitude [N·m], N: periods [1/rad], φ: phase [rad]"
@@ -164,6 +165,7 @@ class Cogging(_Periodic):
     driven = True
     form = "pose"
     name = "cogging"
+    part = "pose"
     equation = "τ = A sin(N q + φ); A: amplitude [N·m], N: periods [1/rad], φ: phase [rad]"
     symptom = "periodic in q"
     source = "MuJoCo XML reference, actuator/dcmotor/cogging"
@@ -186,6 +188,7 @@ class TorqueRipple(_Periodic):
     driven = True
     form = "effort"
     name = "torque_ripple"
+    part = "pose"
     equation = (
         "τ (1 + A sin(N q + φ)) of the drive's τ; A: amplitude [1], N: periods [1/rad], "
         "φ: phase [rad]"

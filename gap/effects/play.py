@@ -31,6 +31,7 @@ class Backlash(JointEffect):
     """Teeth that do not touch for a while when the load changes sides."""
 
     name = "backlash"
+    part = "play"
     equation = "τ passes only where |θ − q| = ε, 2ε: width [rad], θ: of the motor"
     symptom = "flat, then an impact, at reversals"
     added_as = "two joints, the second with a range"
@@ -71,6 +72,7 @@ class SeriesElasticity(JointEffect):
     """A gear, a belt or a spring between motor and link that gives way."""
 
     name = "series_elasticity"
+    part = "play"
     equation = "τ = K (θ − q), 1/K: compliance [rad/(N·m)], θ: of the motor"
     symptom = "resonance"
     added_as = "two joints, the second with stiffness and damping"

@@ -25,6 +25,7 @@ class Timestep(Effect):
     """
 
     name = "timestep"
+    part = "timing"
     equation = (
         "h: timestep [s], a whole part of the model's; explicit integration of actuators exchanged "
         "for implicit, or the other way round, where integrator [1] is 1"

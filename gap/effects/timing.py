@@ -13,6 +13,7 @@ class CommandDelay(JointEffect):
     """Targets reach the drive late: bus, driver, planner; the drive's own feedback is prompt."""
 
     name = "command_delay"
+    part = "timing"
     equation = "u(t − d), d: delay [s]"
     symptom = "phase grows with frequency"
     added_as = "actuator delay, nsample"
@@ -48,6 +49,7 @@ class SensorDelay(JointEffect):
     """Positions and velocities are logged late; the drive's own feedback is prompt."""
 
     name = "sensor_delay"
+    part = "timing"
     equation = "y(t − d), d: delay [s]"
     symptom = "a pure time shift of position and velocity"
     added_as = "measurement in actuators.json, sensor delay"

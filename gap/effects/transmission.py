@@ -11,6 +11,7 @@ class ParallelSpring(JointEffect):
     """A spring beside the drive: a counterbalance, a cable bundle, a rubber boot."""
 
     name = "parallel_spring"
+    part = "pose"
     equation = "τ = −k (q − q₀), k: stiffness [N·m/rad], q₀: springref [rad]"
     symptom = "pose, independent of speed"
     added_as = "joint stiffness, springref"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
@@ -60,12 +61,27 @@ def named_effects(
     return tuple(found)
 
 
-def many_at_once(effects: Sequence[NamedEffect]) -> bool:
-    """Whether so many are named that they may be one together of which the catalogue is silent.
+def stand_ins(effects: Sequence[NamedEffect]) -> tuple[tuple[NamedEffect, ...], ...]:
+    """The effects that may be one together, of which the catalogue is silent.
 
-    Those that every model has a little wrong do not count.
+    Those of one part of the same joint are, as an unknown function is fitted by the first terms of
+    a series; and all, where so many are named. What every model has a little wrong does not count.
+
+    Returns:
+        Groups of two or more; empty for none.
     """
-    return sum(not CATALOGUE[one.effect].ordinary for one in effects) > _FEW
+    counted = [one for one in effects if not CATALOGUE[one.effect].ordinary]
+    if len(counted) > _FEW:
+        return (tuple(effects),)
+    pairs = itertools.combinations(counted, 2)
+    return tuple((one, other) for one, other in pairs if _same_part(one, other))
+
+
+def _same_part(one: NamedEffect, other: NamedEffect) -> bool:
+    part = CATALOGUE[one.effect].part
+    sites = [{*each.joints, *each.bodies} for each in (one, other)]
+    together = any(EVERYWHERE in each for each in sites) or bool(sites[0] & sites[1])
+    return bool(part) and part == CATALOGUE[other.effect].part and together
 
 
 def confusion_set(rounds: Sequence[Round], most: int) -> list[Fit]:

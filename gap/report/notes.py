@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
-from walkerkit.gap.report.named import many_at_once
+from walkerkit.gap.report.named import stand_ins
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.search.problem import Problem
 
@@ -45,10 +45,11 @@ def _notes(
         yield error.sentence(wholes <= {*error.recordings})
     for named in effects:
         yield from _of_effect(named)
-    if many_at_once(effects):
+    for group in stand_ins(effects):
+        names = [one.effect for one in group]
         yield (
-            "So many effects at once may stand in for one that the catalogue lacks: trust the gap "
-            "that they close more than their names."
+            f"{', '.join(names[:-1])} and {names[-1]} may together stand in for one that the "
+            "catalogue lacks: trust the gap that they close more than their names."
         )
     if verdict == "unexplained":
         yield (

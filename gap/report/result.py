@@ -20,7 +20,7 @@ from walkerkit.gap.report.diagnosis import (
     Verdict,
 )
 from walkerkit.gap.report.locate import standing_out
-from walkerkit.gap.report.named import confusion_set, many_at_once, named_effects
+from walkerkit.gap.report.named import confusion_set, named_effects, stand_ins
 from walkerkit.gap.report.notes import notes
 from walkerkit.gap.report.planner import Plan, next_experiment
 from walkerkit.gap.report.replayed import (
@@ -46,7 +46,7 @@ FloatArray = NDArray[np.float64]
 
 _AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
 _LEAST_SURE, _MOST_SURE = 0.5, 0.9  # where a gap is left: all of it, hardly any
-_SURE_OF_MANY = 0.85  # of any of them
+_SURE_OF_SEVERAL = 0.85  # of any that may be one together
 _MOST_RIVALS = 4
 
 
@@ -173,9 +173,15 @@ def summarise(
     effects = named_effects(problem, rounds, after["held"])
     verdict = _verdict(gap, bool(effects))
     most = _most_confidence(gap) if verdict == "partly_explained" else 1.0
-    if many_at_once(effects):
-        most = min(most, _SURE_OF_MANY)
-    effects = tuple(replace(one, confidence=most * one.confidence) for one in effects)
+    several = {one.effect for group in stand_ins(effects) for one in group}
+    effects = tuple(
+        replace(
+            one,
+            confidence=one.confidence
+            * min(most, _SURE_OF_SEVERAL if one.effect in several else 1.0),
+        )
+        for one in effects
+    )
     maps = gap_maps(problem, before, after)
     position = next((one for one in maps if one.signal == "position"), None)
     everything = [r for half in (problem.fit, problem.held) for g in half.recordings for r in g]

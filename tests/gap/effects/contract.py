@@ -77,7 +77,13 @@ class EffectContract:
     def test_says_what_it_is(self):
         effect = self.effect
         assert effect.name == self.name
-        for text in (effect.equation, effect.symptom, effect.added_as, effect.source):
+        for text in (
+            effect.equation,
+            effect.symptom,
+            effect.added_as,
+            effect.source,
+            effect.part,
+        ):
             assert text
             assert text == text.strip()
         assert type(effect).__doc__
