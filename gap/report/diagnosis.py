@@ -21,6 +21,8 @@ from walkerkit.gap.recordings.wiring import WiringError
 FloatArray = NDArray[np.float64]
 Verdict = Literal["explained", "partly_explained", "no_gap", "unexplained"]
 SCHEMA = 1
+_AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
+_MOSTLY = 0.5  # of the way to its floor, which an explained gap has gone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +34,37 @@ class GapSize:
         before: with the model as it was given.
         after: with the named effects added.
         noise_floor: what the measurement's own noise leaves.
+        numerical_floor: what the simulation's own timestep leaves.
     """
 
     unit: str
     before: float
     after: float
     noise_floor: float
+    numerical_floor: float = 0.0
+
+    @property
+    def floor(self) -> float:
+        """What noise and timestep leave together."""
+        return math.hypot(self.noise_floor, self.numerical_floor)
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether no gap is left that is worth the word."""
+        return self.after <= _AT_FLOOR * self.floor
+
+    @property
+    def closed(self) -> float:
+        """How much of the way to the floor was gone, as of ratios, 0 to 1."""
+        if self.at_floor:
+            return 1.0
+        whole = math.log(max(self.before / self.floor, 1.0 + 1e-9))
+        return min(max(math.log(self.before / self.after) / whole, 0.0), 1.0)
+
+    @property
+    def mostly_closed(self) -> bool:
+        """Whether what is named explains the signal."""
+        return self.closed >= _MOSTLY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +75,6 @@ class Gap:
         position: over all joints.
         horizon: seconds after which replays restart from the measured state, or None for whole
             rollouts.
-        numerical_floor: what the simulation's own timestep leaves, in the unit of `position`.
         finer_position: over all joints at a quarter of the timestep, where that matters more than
             the noise; its noise floor has what even this timestep leaves.
         held_out: whether it was measured on recordings that no fit has seen.
@@ -58,7 +84,6 @@ class Gap:
 
     position: GapSize
     horizon: float | None
-    numerical_floor: float
     finer_position: GapSize | None
     held_out: bool
     joints: Mapping[str, GapSize]
@@ -295,7 +320,7 @@ class Diagnosis:
                 "before": gap.position.before,
                 "after": gap.position.after,
                 "noise_floor": gap.position.noise_floor,
-                "numerical_floor": gap.numerical_floor,
+                "numerical_floor": gap.position.numerical_floor,
                 "held_out": gap.held_out,
                 "joints": {
                     name: {

@@ -38,7 +38,7 @@ def waterfall(diagnosis: Diagnosis) -> Specification:
     steps = _steps(diagnosis, signal)
     floors = [("noise floor", size.noise_floor, "dash", BLACK)]
     if signal == "position":
-        floors.append(("numerical floor", diagnosis.gap.numerical_floor, "dot", GREY))
+        floors.append(("numerical floor", diagnosis.gap.position.numerical_floor, "dot", GREY))
     sizes = [after for _, _, after in steps]
     known = (x for x in (*sizes, *(floor for _, floor, _, _ in floors)) if math.isfinite(x))
     largest = max(known, default=0.0)

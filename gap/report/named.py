@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
@@ -15,7 +14,6 @@ from walkerkit.gap.search.naming import Candidate, Round
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Term
 
-_FEW = 2
 _AS_GOOD = 0.05  # of the score: one that was tried and stayed further behind is not the same
 
 
@@ -59,29 +57,6 @@ def named_effects(
             )
         )
     return tuple(found)
-
-
-def stand_ins(effects: Sequence[NamedEffect]) -> tuple[tuple[NamedEffect, ...], ...]:
-    """The effects that may be one together, of which the catalogue is silent.
-
-    Those of one part of the same joint are, as an unknown function is fitted by the first terms of
-    a series; and all, where so many are named. What every model has a little wrong does not count.
-
-    Returns:
-        Groups of two or more; empty for none.
-    """
-    counted = [one for one in effects if not CATALOGUE[one.effect].ordinary]
-    if len(counted) > _FEW:
-        return (tuple(effects),)
-    pairs = itertools.combinations(counted, 2)
-    return tuple((one, other) for one, other in pairs if _same_part(one, other))
-
-
-def _same_part(one: NamedEffect, other: NamedEffect) -> bool:
-    part = CATALOGUE[one.effect].part
-    sites = [{*each.joints, *each.bodies} for each in (one, other)]
-    together = any(EVERYWHERE in each for each in sites) or bool(sites[0] & sites[1])
-    return bool(part) and part == CATALOGUE[other.effect].part and together
 
 
 def confusion_set(rounds: Sequence[Round], most: int) -> list[Fit]:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
-from walkerkit.gap.report.named import stand_ins
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.search.problem import Problem
 
@@ -15,10 +14,16 @@ _UNSURE = 0.9
 
 
 def notes(
-    problem: Problem, gap: Gap, effects: Sequence[NamedEffect], verdict: Verdict, *, searched: bool
+    problem: Problem,
+    gap: Gap,
+    effects: Sequence[NamedEffect],
+    stand_ins: Sequence[Sequence[str]],
+    verdict: Verdict,
+    *,
+    searched: bool,
 ) -> tuple[str, ...]:
     """The notes of a diagnosis, most important first."""
-    return tuple(_notes(problem, gap, effects, verdict, searched))
+    return tuple(_notes(problem, gap, effects, stand_ins, verdict, searched))
 
 
 def warning_notes(warned: Mapping[str, int]) -> tuple[str, ...]:
@@ -36,6 +41,7 @@ def _notes(
     problem: Problem,
     gap: Gap,
     effects: Sequence[NamedEffect],
+    stand_ins: Sequence[Sequence[str]],
     verdict: Verdict,
     searched: bool,
 ) -> Iterator[str]:
@@ -45,8 +51,7 @@ def _notes(
         yield error.sentence(wholes <= {*error.recordings})
     for named in effects:
         yield from _of_effect(named)
-    for group in stand_ins(effects):
-        names = [one.effect for one in group]
+    for names in stand_ins:
         yield (
             f"{', '.join(names[:-1])} and {names[-1]} may together stand in for one that the "
             "catalogue lacks: trust the gap that they close more than their names."
@@ -63,15 +68,25 @@ def _notes(
             "A gap remains above the floor that no further effect of the catalogue explains; "
             "mind it before you trust the model beyond these motions."
         )
+        scored = {channel.quantity for channel in problem.channels} - {"position"}
+        for signal, size in gap.signals.items():
+            if signal in scored and not size.mostly_closed:
+                before, after = (quantity(one, size.unit) for one in (size.before, size.after))
+                yield (
+                    f"The {signal} error is {before} before and {after} after: what is named does "
+                    f"not explain the {signal}."
+                )
     if gap.finer_position is not None:
         step, unit = problem.robots[0].model.opt.timestep, gap.position.unit
-        before, after = (
-            quantity(size, unit) for size in (gap.finer_position.before, gap.finer_position.after)
+        finer = gap.finer_position
+        moved, before, after = (
+            quantity(size, unit)
+            for size in (gap.position.numerical_floor, finer.before, finer.after)
         )
         yield (
-            f"The simulation's own timestep of {step:g} s moves the positions by "
-            f"{quantity(gap.numerical_floor, unit)}, more than the noise; effects were judged with "
-            f"that error taken out. At a quarter of the timestep the position error is {before}"
+            f"The simulation's own timestep of {step:g} s moves the positions by {moved}, more "
+            "than the noise; effects were judged with that error taken out. At a quarter of the "
+            f"timestep the position error is {before}"
             + (f" before and {after} after." if effects else ".")
         )
     if problem.hold == "linear":

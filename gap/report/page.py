@@ -109,7 +109,7 @@ def _headline(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         numbers = [(f"{wording.words(signal)} error before", size.before), ("after", size.after)]
     numbers.append(("noise floor", size.noise_floor))
     if signal == "position":
-        numbers.append(("numerical floor", diagnosis.gap.numerical_floor))
+        numbers.append(("numerical floor", diagnosis.gap.position.numerical_floor))
     return [(name, quantity(value, size.unit)) for name, value in numbers]
 
 
@@ -121,7 +121,7 @@ def _maps(diagnosis: Diagnosis) -> list[HeatMap]:
         size = wording.signals(diagnosis.gap).get(of.signal)
         floor = 0.0 if size is None else size.noise_floor
         if of.signal == "position":
-            floor = max(floor, diagnosis.gap.numerical_floor)
+            floor = max(floor, diagnosis.gap.position.numerical_floor)
         heat = heat_map(of, floor, mended=bool(diagnosis.effects))
         if heat is not None:
             found.append(heat)

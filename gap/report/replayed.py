@@ -93,30 +93,31 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
     everything = [r for half in (problem.fit, problem.held) for g in half.recordings for r in g]
     floor = {c: channel_noise(everything, c).std for c in channels}
 
+    finer = _finer(problem, after)
+
     def size(chosen: Sequence[Channel]) -> GapSize:
         return GapSize(
             unit=unit_of(problem, chosen),
             before=before.rms(chosen),
             after=after.rms(chosen),
             noise_floor=float(np.sqrt(np.mean([floor[c] ** 2 for c in chosen]))),
+            numerical_floor=_changed(after, finer, chosen),
         )
 
     positions = [c for c in channels if c.signal == "position"]
     signals = dict.fromkeys(c.quantity for c in channels)
-    position, finer = size(positions), _finer(problem, after)
-    numerical_floor = _changed(after, finer)
+    position = size(positions)
     finer_position = None
-    if numerical_floor > position.noise_floor:
+    if position.numerical_floor > position.noise_floor:
         finer_position = replace(
             position,
             before=(finer if after is before else _finer(problem, before)).rms(positions),
             after=finer.rms(positions),
-            noise_floor=float(np.hypot(position.noise_floor, numerical_floor / (_QUARTER - 1))),
+            numerical_floor=position.numerical_floor / (_QUARTER - 1),
         )
     return Gap(
         position=position,
         horizon=problem.window,
-        numerical_floor=numerical_floor,
         finer_position=finer_position,
         held_out=True,
         joints={c.joint: size([c]) for c in positions},
@@ -237,13 +238,13 @@ def _finer(problem: Problem, replayed: Replayed) -> Replayed:
     return Replayed(replays=fine, predicted=tuple(as_they_are(fine, problem.n_threads)))
 
 
-def _changed(coarse: Replayed, finer: Replayed) -> float:
-    """Root-mean-square change of the positions from one timestep to another."""
+def _changed(coarse: Replayed, finer: Replayed, channels: Sequence[Channel]) -> float:
+    """Root-mean-square change of some channels from one timestep to another."""
     squares, count = 0.0, 0
     for replay, one, other in zip(coarse.replays, coarse.predicted, finer.predicted, strict=True):
-        columns = [c for c, channel in enumerate(replay.channels) if channel.signal == "position"]
+        columns = [c for c, channel in enumerate(replay.channels) if channel in channels]
         known = np.isfinite(replay.measured[:, columns])
         change = np.where(known, other[:, columns] - one[:, columns], 0.0)
         squares += float(np.square(change).sum())
         count += int(known.sum())
-    return float(np.sqrt(squares / count))
+    return float(np.sqrt(squares / count)) if count else 0.0

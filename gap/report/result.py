@@ -17,10 +17,11 @@ from walkerkit.gap.report.diagnosis import (
     Considered,
     Diagnosis,
     Gap,
+    GapSize,
     Verdict,
 )
 from walkerkit.gap.report.locate import standing_out
-from walkerkit.gap.report.named import confusion_set, named_effects, stand_ins
+from walkerkit.gap.report.named import confusion_set, named_effects
 from walkerkit.gap.report.notes import notes
 from walkerkit.gap.report.planner import Plan, next_experiment
 from walkerkit.gap.report.replayed import (
@@ -29,6 +30,7 @@ from walkerkit.gap.report.replayed import (
     replay_half,
     traces,
 )
+from walkerkit.gap.report.stand_ins import stand_ins
 from walkerkit.gap.search.naming import Round
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
@@ -44,7 +46,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
 _LEAST_SURE, _MOST_SURE = 0.5, 0.9  # where a gap is left: all of it, hardly any
 _SURE_OF_SEVERAL = 0.85  # of any that may be one together
 _MOST_RIVALS = 4
@@ -171,9 +172,16 @@ def summarise(
         after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
     gap = gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, rounds, after["held"])
-    verdict = _verdict(gap, bool(effects))
-    most = _most_confidence(gap) if verdict == "partly_explained" else 1.0
-    several = {one.effect for group in stand_ins(effects) for one in group}
+    scored = {channel.quantity for channel in problem.channels} - {"position"}
+    besides = [size for name, size in gap.signals.items() if name in scored]
+    verdict = _verdict(gap, bool(effects), besides)
+    most = 1.0
+    if verdict == "partly_explained":
+        # What is missing the named effects may stand in for: the more is left, the more.
+        closed = min(size.closed for size in (gap.position, *besides))
+        most = _LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * closed
+    groups = stand_ins(problem, final)
+    several = {name for group in groups for name in group}
     effects = tuple(
         replace(
             one,
@@ -209,7 +217,7 @@ def summarise(
         ),
         next_experiment=following.experiment if following else None,
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
-        notes=notes(problem, gap, effects, verdict, searched=searched),
+        notes=notes(problem, gap, effects, groups, verdict, searched=searched),
         wiring=named_errors(everything),
         traces=traces(problem, before, after),
         seconds=seconds,
@@ -224,27 +232,17 @@ def summarise(
     )
 
 
-def _verdict(gap: Gap, named: bool) -> Verdict:
-    """The verdict on a gap, or on that at a finer timestep where the model's own leaves more."""
-    at_floor = gap.position.after <= _AT_FLOOR * _floor(gap)
-    if gap.finer_position is not None:
-        at_floor |= gap.finer_position.after <= _AT_FLOOR * gap.finer_position.noise_floor
-    if named:
-        return "explained" if at_floor else "partly_explained"
-    return "no_gap" if at_floor else "unexplained"
+def _verdict(gap: Gap, named: bool, besides: Sequence[GapSize]) -> Verdict:
+    """The verdict on a gap, or on that at a finer timestep where the model's own leaves more.
 
-
-def _floor(gap: Gap) -> float:
-    return float(np.hypot(gap.position.noise_floor, gap.numerical_floor))
-
-
-def _most_confidence(gap: Gap) -> float:
-    """How sure one can be of any name while something else is missing, which it may stand in for.
-
-    The more of the gap is closed, as a ratio, the less room is left for another explanation.
+    Args:
+        gap: the gap.
+        named: whether something was named.
+        besides: the other measured signals, which an explanation has to explain too.
     """
-    position = gap.position
-    floor = _floor(gap)
-    whole = np.log(max(position.before / floor, 1.0 + 1e-9))
-    closed = np.clip(np.log(position.before / position.after) / whole, 0.0, 1.0)
-    return float(_LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * closed)
+    finer = gap.finer_position
+    at_floor = gap.position.at_floor or (finer is not None and finer.at_floor)
+    if not named:
+        return "no_gap" if at_floor else "unexplained"
+    followed = all(size.mostly_closed for size in besides)
+    return "explained" if at_floor and followed else "partly_explained"

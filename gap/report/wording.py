@@ -316,6 +316,6 @@ def _found(effects: Sequence[NamedEffect]) -> str:
 def _floors(gap: Gap, signal: str, size: GapSize) -> str:
     floor = quantity(size.noise_floor, size.unit)
     noise = f"the noise of the measurement alone would leave {floor}"
-    if signal != "position" or gap.numerical_floor <= size.noise_floor:
+    if size.numerical_floor <= size.noise_floor:
         return noise
-    return f"{noise} and the timestep of the simulation {quantity(gap.numerical_floor, size.unit)}"
+    return f"{noise} and the timestep of the simulation {quantity(size.numerical_floor, size.unit)}"

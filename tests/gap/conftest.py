@@ -61,9 +61,10 @@ def leg_diagnosis(
     return Diagnosis(
         verdict="explained",
         gap=Gap(
-            position=GapSize(unit="rad", before=0.0066, after=0.0011, noise_floor=0.0010),
+            position=GapSize(
+                unit="rad", before=0.0066, after=0.0011, noise_floor=0.0010, numerical_floor=0.0003
+            ),
             horizon=None,
-            numerical_floor=0.0003,
             finer_position=None,
             held_out=True,
             joints={
@@ -168,9 +169,10 @@ def confused() -> Diagnosis:
     return Diagnosis(
         verdict="partly_explained",
         gap=Gap(
-            position=GapSize(unit="rad", before=0.0066, after=0.0022, noise_floor=0.0010),
+            position=GapSize(
+                unit="rad", before=0.0066, after=0.0022, noise_floor=0.0010, numerical_floor=0.0003
+            ),
             horizon=0.5,
-            numerical_floor=0.0003,
             finer_position=None,
             held_out=False,
             joints=leg.gap.joints,

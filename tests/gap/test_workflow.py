@@ -250,7 +250,7 @@ def test_the_model_itself_has_no_gap(timestep: float, noise: float, servo: Path)
     nothing_named(found)
     if timestep == 0.002:
         assert found.gap.position.before <= max(1.5 * noise, 1e-6)
-        assert found.gap.numerical_floor > 1e-4
+        assert found.gap.position.numerical_floor > 1e-4
 
 
 def stepped(timestep: float, noise: float) -> list[Recording]:
@@ -344,7 +344,7 @@ def test_the_scalar_pendulum_is_the_rig(servo: Path) -> None:
 def test_what_the_catalogue_lacks_is_not_explained(servo: Path, missing: str, size: float) -> None:
     found = diagnose(servo, pendulum(1, **{missing: size}), effects=MOVING)
     assert found.verdict in ("unexplained", "partly_explained")
-    floor = math.hypot(found.gap.position.noise_floor, found.gap.numerical_floor)
+    floor = found.gap.position.floor
     assert found.gap.position.after > 2 * floor
     assert found.remaining
     if missing != "dead_zone":  # which acts like a delay that grows as errors shrink

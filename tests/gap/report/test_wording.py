@@ -53,7 +53,9 @@ def test_a_gap_that_no_regime_holds_is_at_its_joint(leg: LegDiagnosis) -> None:
 
 
 def test_a_timestep_that_leaves_more_than_the_noise_is_told(leg: LegDiagnosis) -> None:
-    coarse = replace(leg(), gap=replace(leg().gap, numerical_floor=0.0031))
+    gap = leg().gap
+    blurred = replace(gap.position, numerical_floor=0.0031)
+    coarse = replace(leg(), gap=replace(gap, position=blurred))
     assert wording.verdict_sentence(coarse).endswith(
         "would leave 1.0 mrad and the timestep of the simulation 3.1 mrad."
     )
@@ -61,9 +63,9 @@ def test_a_timestep_that_leaves_more_than_the_noise_is_told(leg: LegDiagnosis) -
 
 def test_a_gap_that_the_timestep_hides_is_told_at_a_finer_one(leg: LegDiagnosis) -> None:
     gap = leg().gap
-    hidden = replace(gap.position, before=0.0031, after=0.0035)
+    hidden = replace(gap.position, before=0.0031, after=0.0035, numerical_floor=0.0031)
     finer = replace(gap.position, before=0.0024, after=0.0011)
-    coarse = replace(gap, position=hidden, numerical_floor=0.0031, finer_position=finer)
+    coarse = replace(gap, position=hidden, finer_position=finer)
     assert (
         "at a quarter of the simulation's timestep the position error shrinks from 2.4 to 1.1 mrad"
         in wording.verdict_sentence(replace(leg(), gap=coarse))

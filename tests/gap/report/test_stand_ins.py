@@ -1,0 +1,83 @@
+"""What is said of several effects together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.gap.search.test_naming import LEG, Q_ONLY, problem_of
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.report.diagnosis import GapSize
+from walkerkit.gap.report.stand_ins import stand_ins
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Fit, Structure, Term
+
+Place = tuple[str, str, tuple[float, ...]]
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    """A leg like its model."""
+    model = tmp_path_factory.mktemp("leg") / "leg.xml"
+    model.write_text(LEG)
+    return problem_of(model, (), Q_ONLY)
+
+
+def named(problem: Problem, *places: Place) -> Fit:
+    """Effects at their sites with some increments."""
+    terms = tuple(
+        Term(effect=CATALOGUE[effect], sites=(site,), shared=site == EVERYWHERE)
+        for effect, site, _ in places
+    )
+    structure = Structure(terms, problem.robots)
+    changes = np.concatenate([np.array(change) for _, _, change in places])
+    return Fit(
+        structure=structure,
+        values=structure.zero + changes,
+        score=0.0,
+        mean_square=np.ones(len(problem.channels)),
+    )
+
+
+FRICTION = ("coulomb_friction", "knee", (0.05,))
+DELAY = ("loop_delay", "knee", (0.003,))
+FILTER = ("setpoint_filter", "knee", (0.003,))
+OTHER_FILTER = ("setpoint_filter", "ankle", (0.003,))
+BIAS = ("torque_bias", "knee", (0.1,))
+SPRING = ("parallel_spring", "ankle", (0.2, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("places", "groups"),
+    [
+        ((DELAY,), []),
+        ((DELAY, BIAS), []),
+        ((DELAY, BIAS, SPRING), [("loop_delay", "torque_bias", "parallel_spring")]),
+        ((DELAY, BIAS, FRICTION), []),
+        # A delay of another kind is fitted by these two, where they are of the same joint.
+        ((DELAY, FILTER), [("loop_delay", "setpoint_filter")]),
+        ((DELAY, OTHER_FILTER), []),
+    ],
+)
+def test_many_and_two_of_one_part_may_be_one(
+    problem: Problem, places: tuple[tuple[str, str, tuple[float, ...]], ...], groups: list[str]
+) -> None:
+    assert stand_ins(problem, named(problem, *places)) == tuple(groups)
+
+
+@pytest.mark.parametrize(("kd", "groups"), [(-0.25, True), (0.25, False)])
+def test_two_that_undo_each_other_may_be_one(problem: Problem, kd: float, groups: bool) -> None:
+    """Damping that the joint gains and the drive loses moves nothing at all."""
+    fit = named(problem, ("viscous_friction", "knee", (0.3,)), ("velocity_gain", "knee", (kd,)))
+    assert stand_ins(problem, fit) == ((("viscous_friction", "velocity_gain"),) if groups else ())
+
+
+@pytest.mark.parametrize(
+    ("after", "explained"),
+    [(0.029, True), (0.1, True), (0.3, False), (0.52, False), (0.9, False)],
+)
+def test_an_effort_that_stays_is_not_explained(after: float, explained: bool) -> None:
+    effort = GapSize(unit="N·m", before=0.52, after=after, noise_floor=0.012, numerical_floor=0.016)
+    assert effort.floor == pytest.approx(0.02)
+    assert effort.at_floor == (after < 0.03)
+    assert effort.mostly_closed == explained
