@@ -37,12 +37,14 @@ class Usual:
     Attributes:
         effort: peak effort of the drives, N·m.
         velocity: peak velocity, rad/s.
+        asked: peak velocity of the targets, or that of the joint where they are faster, rad/s.
         lower, upper: lowest and highest position, rad.
         power: peak of all joints' mechanical power together, W.
     """
 
     effort: Array
     velocity: Array
+    asked: Array
     lower: Array
     upper: Array
     power: float
@@ -64,9 +66,16 @@ class Usual:
             return np.concatenate(each)
 
         position, velocity, effort = map(all_of, ("position", "velocity", "effort"))
+        fastest = np.abs(velocity).max(axis=0)
+        asked = [
+            np.abs(np.gradient(recording.columns[f"{joint}/position_target"], recording.time)).max()
+            for recording in recordings
+            for joint in joints
+        ]
         return cls(
             effort=np.abs(effort).max(axis=0),
-            velocity=np.abs(velocity).max(axis=0),
+            velocity=fastest,
+            asked=np.minimum(fastest, np.reshape(asked, (-1, len(joints))).max(axis=0)),
             lower=position.min(axis=0),
             upper=position.max(axis=0),
             power=float(np.abs(effort * velocity).sum(axis=1).max()),
@@ -213,7 +222,7 @@ def _asked(effect: str, drives: Drives, usual: Usual, rng: np.random.Generator) 
                 "velocity_limit": share(0.7, 1.2) * usual.velocity,
             }
         case "slew_limit":
-            return {"rate": share(0.5, 0.85) * usual.velocity}
+            return {"rate": share(0.5, 0.85) * usual.asked}
         case "supply_sag":
             # At full power the drives have less left than they want.
             limit = np.where(np.isfinite(drives.effort_range[1]), drives.effort_range[1], 1e3)

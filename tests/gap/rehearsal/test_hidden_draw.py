@@ -194,6 +194,13 @@ def test_what_is_usual_is_the_most_of_all_recordings():
     assert usual.power == 4.0
 
 
+@pytest.mark.parametrize(("target", "asked"), [(0.003, 1.5), (1.0, 2.0)])
+def test_no_more_speed_is_asked_than_targets_have_and_joints_reach(target, asked):
+    still, moved = recording("one", [0.0, 0.0]), recording("two", [0.0, 0.0])
+    moved.columns["a/b/position_target"][1] = target
+    assert Usual.of([still, moved], ["a/b"]).asked == pytest.approx([asked])
+
+
 def test_loudness_is_in_standard_deviations_of_the_loudest_signal():
     one, two = recording("one", [1.0, 1.0]), recording("one", [1.1, 0.9])
     assert loudness([one], [two]) == {"a/b": pytest.approx(0.1 / 0.02)}
