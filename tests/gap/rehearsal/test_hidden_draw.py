@@ -180,9 +180,9 @@ def test_scales_without_effort_limits_velocity_gains_and_joint_ranges(arm):
             assert 0.1 <= drawn.value("frictionloss", "shoulder") <= 0.5
 
 
-def recording(name, effort):
+def recording(name, effort, target=0.0):
     effort = np.array(effort)
-    columns = {f"a/b/{signal}": np.zeros(2) for signal in ("position", "position_target")}
+    columns = {"a/b/position": np.zeros(2), "a/b/position_target": np.array([0.0, target])}
     columns |= {"a/b/velocity": np.array([2.0, 0.5]), "a/b/effort": effort}
     return Recording(name=name, time=np.arange(2) * 0.002, columns=columns)
 
@@ -196,8 +196,7 @@ def test_what_is_usual_is_the_most_of_all_recordings():
 
 @pytest.mark.parametrize(("target", "asked"), [(0.003, 1.5), (1.0, 2.0)])
 def test_no_more_speed_is_asked_than_targets_have_and_joints_reach(target, asked):
-    still, moved = recording("one", [0.0, 0.0]), recording("two", [0.0, 0.0])
-    moved.columns["a/b/position_target"][1] = target
+    still, moved = recording("one", [0.0, 0.0]), recording("two", [0.0, 0.0], target)
     assert Usual.of([still, moved], ["a/b"]).asked == pytest.approx([asked])
 
 
