@@ -130,6 +130,7 @@ class _Part:
         own = self._step.__dict__
         for name, view in zip(_REPLACED, self._views, strict=True):
             if own[name] is not view:
+                del self._whole[name]  # the next step may have the same array again
                 whole = getattr(step, name).copy()
                 whole[self.sims] = own[name]
                 setattr(step, name, whole)

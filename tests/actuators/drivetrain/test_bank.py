@@ -48,27 +48,30 @@ def motion(n_sims, n_steps=60):
 
 
 def run(bank, series):
-    """What the bank makes of the series, written field to (n_steps, n_sims, n_joints)."""
+    """What the bank makes of the series, written field to (n_steps, n_sims, n_joints).
+
+    As a rollout does: one step that is used again and again, with the same array for what is zero.
+    """
     found = {name: [] for name in WRITTEN}
     n_steps, *shape = series["q"].shape
+    constant = {"stiffness": 20.0, "damping": 0.5, "limit": 4.0, "dry": 0.1}
+    zeros = np.zeros(shape)
+    step = Step(
+        dt=STEP,
+        time=np.zeros((shape[0], 1)),
+        **{name: np.full(shape, value) for name, value in constant.items()},
+        **{name: values[0] for name, values in series.items()},
+        extra=np.zeros(shape),
+        friction=np.zeros(shape),
+    )
     for k in range(n_steps):
-        constant = {
-            "stiffness": 20.0,
-            "damping": 0.5,
-            "limit": 4.0,
-            "dry": 0.1,
-            "extra": 0.0,
-            "friction": 0.0,
-            "target_ahead": 0.0,
-            "effort_ahead": 0.0,
-        }
-        step = Step(
-            dt=STEP,
-            time=np.full((shape[0], 1), k * STEP),
-            **{name: np.full(shape, value) for name, value in constant.items()},
-            **{name: values[k].copy() for name, values in series.items()},
-        )
+        step.time = np.full((shape[0], 1), k * STEP)
+        for name, values in series.items():
+            setattr(step, name, values[k].copy())
         step.effort = np.clip(step.effort, -4.0, 4.0)
+        step.target_ahead = step.effort_ahead = zeros
+        step.extra.fill(0.0)
+        step.friction.fill(0.0)
         for stage in ("controller", "drive", "joint"):
             bank.run(stage, step)
         for name in WRITTEN:
