@@ -98,16 +98,36 @@ def test_every_law_is_among_the_simulations():
     assert set(PARAMETERS) == set(LAWS)
 
 
-@pytest.mark.parametrize("row", range(len(SIMULATIONS)), ids=["+".join(s) for s in SIMULATIONS])
-def test_a_simulation_among_many_is_as_it_is_alone(row):
-    series = motion(len(SIMULATIONS))
-    among = run(laws_of(SIMULATIONS), series)
+@pytest.mark.parametrize(
+    ("simulations", "row"),
+    [
+        *((SIMULATIONS, row) for row in range(len(SIMULATIONS))),
+        # Where no other law replaces what this one does, the next step begins with the same array.
+        *(([(name,), ("cogging",), ("cogging",)], 0) for name in LAWS),
+    ],
+    ids=["+".join(s) for s in SIMULATIONS] + [f"{name} beside another" for name in LAWS],
+)
+def test_a_simulation_among_others_is_as_it_is_alone(simulations, row):
+    series = motion(len(simulations))
+    among = run(laws_of(simulations), series)
     alone = run(
-        laws_of([SIMULATIONS[row]]),
+        laws_of([simulations[row]]),
         {name: values[:, row : row + 1] for name, values in series.items()},
     )
     for name in WRITTEN:
         np.testing.assert_allclose(among[name][:, row], alone[name][:, 0], rtol=1e-12, atol=1e-12)
+
+
+def test_a_law_that_remembers_nothing_does_the_same_in_every_step():
+    """Where no other law replaces what it does, each step begins with the same array of zeros."""
+    simulations = [("controller_deadband",), ("cogging",), ("cogging",)]
+    # Joint 1 enters the band of its drive within each step.
+    still = {name: np.zeros((3, 3, JOINTS)) for name in motion(3)}
+    series = still | {"target": still["target"] + 0.2003, "qd": still["qd"] + 0.5}
+    found = run(laws_of(simulations), series)
+    assert found["target_ahead"][0, 0, 1] > 0.01
+    for name in ("target", "target_ahead"):
+        np.testing.assert_array_equal(found[name], found[name][:1].repeat(3, axis=0))
 
 
 def test_a_law_does_something_in_its_simulation_and_nothing_in_others():
