@@ -18,6 +18,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.search.numerical_error import NumericalError
 from walkerkit.gap.search.structure import Case, Fit
 from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
@@ -27,12 +28,9 @@ FloatArray = NDArray[np.float64]
 _Float = TypeVar("_Float", np.float32, np.float64)
 
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
-_FACTORS = ((0.0, 3.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
-_FACTORS_OF_TWO = ((0.0, 2.0), (-2.0, 2.0), (0.0, 2.5))  # and of one still finer
 _REMEMBERED = 4  # values at which the numerical error is known
 _COARSE = 6  # times the floor; changes by more, of a finer timestep, a still finer one tells better
 _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
-_SWEEPS = 30
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _BLOCK = 0.5  # s; longer than the memory of a joint's error
 
@@ -66,14 +64,8 @@ class Objective:
         floor: (n_scored,) gap below which nothing is gained, in each channel's unit.
         n_threads: threads of the simulation, 0 for all cores.
 
-    The simulation's own numerical error is a nuisance of every prediction. What a finer timestep
-    changes, and what another integrator and a still finer timestep change then, are added to it by
-    the factors that suit the measurement best (all 0 for a log from a simulation with the same
-    timestep; 1, 0 and up to 2 for a machine, which has no such error, if the timesteps are a half
-    and a quarter). So no effect is named for an error that a finer step removes.
-
     Attributes:
-        numerical: (k, rows, n_scored) those changes; empty until `refine` finds them.
+        numerical: the numerical error that is taken out of residuals; none until `refine` finds it.
     """
 
     def __init__(
@@ -90,10 +82,12 @@ class Objective:
         self.floor = np.maximum(floor, _LEAST_FLOOR)
         self._columns = [replays[0].channels.index(channel) for channel in scored]
         self.measured = np.concatenate([r.measured[:, self._columns] for r in replays])
-        self.numerical = np.zeros((0, *self.measured.shape))
+        self.numerical = NumericalError.none(self.measured.shape)
         # A channel that only other recordings have counts, but nothing can change its score.
         self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
-        self._refined: deque[tuple[Hashable, FloatArray, FloatArray]] = deque(maxlen=_REMEMBERED)
+        self._refined: deque[tuple[Hashable, FloatArray, NumericalError]] = deque(
+            maxlen=_REMEMBERED
+        )
         self._coarse = False
 
     def apart(self) -> Objective:
@@ -102,7 +96,7 @@ class Objective:
 
     def leave_as_simulated(self) -> None:
         """Takes no numerical error out of what will be simulated."""
-        self.numerical = np.zeros((0, *self.measured.shape))
+        self.numerical = NumericalError.none(self.measured.shape)
 
     def refine(self, finer: Sequence[Objective], case: Case, own: FloatArray | None = None) -> None:
         """As `refine`, of this objective alone, whose residual (rows, n_scored) may be known."""
@@ -112,22 +106,15 @@ class Objective:
         """Whether the numerical error is known at these values, nearly; it is that one then."""
         structure, values = case.structure, case.values[0]
         near = _SAME_ERROR * structure.scale
-        for key, at, changes in self._refined:
+        for key, at, error in self._refined:
             if key == structure.key and (np.abs(values - at) <= near).all():
-                self.numerical = changes
+                self.numerical = error
                 return True
         return False
 
     def _learn(self, case: Case, residuals: Sequence[FloatArray]) -> None:
-        """Takes the changes from the first of some residuals for the numerical error.
-
-        They are as simulated: at its own timestep, at half of it, with another integrator, and, if
-        that was simulated, at a quarter.
-        """
-        coarse, half, *others = residuals
-        self.numerical = np.stack([half - coarse, *(other - half for other in others)])
-        if not np.isfinite(self.numerical).all():
-            self.leave_as_simulated()
+        """Takes the numerical error from some residuals, as `NumericalError.of` does."""
+        self.numerical = NumericalError.of(residuals)
         self._refined.append((case.structure.key, case.values[0], self.numerical))
 
     def moves(self, only: Sequence[int | None]) -> Moves:
@@ -178,14 +165,10 @@ class Objective:
 
     def numerical_size(self) -> FloatArray:
         """(n_scored,) root mean square of what a finer timestep changes; 0 where unknown."""
-        if not len(self.numerical):
+        changes = self.numerical.changes
+        if not len(changes):
             return np.zeros(len(self.channels))
-        return np.sqrt(self.mean_square(self.numerical[0]))
-
-    def numerical_bounds(self) -> FloatArray:
-        """(k, 2) between which the factors of the numerical changes lie."""
-        every = _FACTORS if len(self.numerical) <= len(_FACTORS) else _FACTORS_OF_TWO
-        return np.array(every[: len(self.numerical)]).reshape(-1, 2)
+        return np.sqrt(self.mean_square(changes[0]))
 
     def as_it_is(self, cases: Sequence[Case]) -> list[FloatArray]:
         """As `mean_squares`, with the numerical error in them."""
@@ -208,24 +191,9 @@ class Objective:
         ]
 
     def corrected(self, residual: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """A residual with its numerical error, (rows, n_scored), and changes of it, without.
-
-        Numerical errors follow the change as far as they are free to (Kaufman, BIT 15, 1975), and
-        not beyond: where they reach a bound the gap bends, and its slope ahead says nothing of
-        that behind.
-        """
-        at = residual[None].copy()
-        weights = self._numerical_weights(at)[0]
-        (factors,) = self.take_out_numerical_error(at)
-        low, high = self.numerical_bounds().T
-        free = self.numerical[(low < factors) & (factors < high)]
-        if not len(free):
-            return at[0], changes
-        along = np.einsum("c,irc,trc->it", weights, free, changes)
-        size = np.einsum("c,irc,jrc->ij", weights, free, free)
-        follow = np.linalg.pinv(size, hermitian=True) @ along
-        corrected = np.einsum("it,irc->trc", follow, free)
-        return at[0], np.subtract(changes, corrected, out=corrected)
+        """A residual, (rows, n_scored), and changes of it, without their numerical error."""
+        (weights,) = self._numerical_weights(residual[None])
+        return self.numerical.take_out_along(residual, changes, weights)
 
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
         """(n of all cases, rows, n_scored) residuals with their numerical error."""
@@ -249,24 +217,10 @@ class Objective:
         residual[failed] = np.nan
         return residual
 
-    def take_out_numerical_error(self, residual: FloatArray) -> FloatArray:
-        """Adds the best multiples of the numerical changes to each (rows, n_scored) residual.
-
-        Returns:
-            (n, k) those factors.
-        """
-        if not self.numerical.any():
-            return np.zeros((len(residual), len(self.numerical)))
-        weights = self._numerical_weights(residual)
-        products = np.einsum("irc,jrc->ijc", self.numerical, self.numerical)
-        size = np.einsum("tc,ijc->tij", weights, products)
-        along = np.einsum(
-            "tc,itc->ti", weights, np.einsum("irc,trc->itc", self.numerical, residual)
-        )
-        factors = _bounded_least_squares(size, -along, self.numerical_bounds())
-        for factor, change in zip(factors.T, self.numerical, strict=True):
-            residual += factor[:, None, None] * change
-        return factors
+    def take_out_numerical_error(self, residual: FloatArray) -> None:
+        """Takes it out of (n, rows, n_scored) residuals as simulated."""
+        if len(self.numerical.changes):
+            self.numerical.take_out(residual, self._numerical_weights(residual))
 
     def _numerical_weights(self, residual: FloatArray) -> FloatArray:
         """(n, n_scored) by which the channels decide on the factors."""
@@ -406,21 +360,6 @@ def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[
     n_threads = wanted[0][0].n_threads
     predicted = iter(predict_together([replay for replay, _ in pairs], trials, n_threads))
     return [one._less_measured([next(predicted) for _ in one.replays]) for one, _ in wanted]
-
-
-def _bounded_least_squares(
-    matrix: FloatArray, target: FloatArray, bounds: FloatArray
-) -> FloatArray:
-    """Minimises ½ xᵀAx − bᵀx within bounds, (t, k, k), (t, k) and (k, 2) → (t, k)."""
-    x = np.zeros_like(target)
-    # A trial that diverged has no weights; it stays at zero.
-    matrix, target = np.nan_to_num(matrix), np.nan_to_num(target)
-    for _ in range(_SWEEPS):
-        for i, (low, high) in enumerate(bounds):
-            diagonal = matrix[:, i, i]
-            rest = target[:, i] - np.einsum("tj,tj->t", matrix[:, i], x) + diagonal * x[:, i]
-            x[:, i] = np.clip(rest / np.where(diagonal > 0, diagonal, 1.0), low, high)
-    return x
 
 
 def _per_case(residual: FloatArray, cases: Sequence[Case]) -> list[FloatArray]:

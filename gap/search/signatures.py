@@ -92,7 +92,7 @@ class View:
         self._current = current
         self._residual = residual
         self._nuisance = nuisance
-        self._bounded = objective.numerical_bounds()
+        self._bounded = objective.numerical.bounds
         self._rows = len(residual)
         self._square = np.einsum("rc,rc->c", residual, residual)
         self._along = np.zeros((len(objective.channels), 0))
@@ -273,7 +273,7 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     (simulated,) = objective.simulated([own])[0]
     slopes = linearised(objective, current)
     felt = slopes.jacobian[np.square(slopes.jacobian).sum(axis=(1, 2)) > 0]
-    nuisance = np.concatenate([felt, objective.numerical])
+    nuisance = np.concatenate([felt, objective.numerical.changes])
     hopeful = _hopeful(objective, current, simulated, slopes.residual, terms, _MOST_HOPEFUL)
     found = _simulate(objective, current, simulated, hopeful)
     view = View(objective, current, simulated, nuisance, found)

@@ -16,6 +16,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
 from walkerkit.gap.search.certainty import INSENSITIVE, at_bound, certainty, covariance
 from walkerkit.gap.search.fit import evaluate, fit, polish
+from walkerkit.gap.search.numerical_error import NumericalError
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.slopes import linearised
@@ -317,7 +318,7 @@ class TestObjective:
             one = objective(robot, [recording], floor=floor)
             finer = [objective(robot.refined(**each), [recording], floor=floor) for each in made]
             one.refine(finer, case)
-            return len(one.numerical), np.sqrt(one.mean_squares([case])[0][0, 0])
+            return len(one.numerical.changes), np.sqrt(one.mean_squares([case])[0][0, 0])
 
         raw = np.sqrt(objective(robot, [recording], floor=1e-6).mean_squares([case])[0][0, 0])
         assert raw > 2e-4
@@ -337,7 +338,9 @@ class TestObjective:
         (residual,) = one.residuals([case])
         # A timestep that would make up for two thirds of the gap, and for nothing where it cannot.
         part = (one.block + np.arange(len(one.block)) % 3 > 0)[:, None]
-        one.numerical = np.stack([-residual[0] * part / factor, np.roll(residual[0], 40, axis=0)])
+        one.numerical = NumericalError(
+            np.stack([-residual[0] * part / factor, np.roll(residual[0], 40, axis=0)])
+        )
         (corrected,) = one.residuals([case])
         (linearised,) = one.linearised([case], [one.moves([None, None])])
         at, changes = one.corrected(*linearised)
@@ -433,7 +436,7 @@ class TestPolish:
         (start,) = evaluate(one, [(tried, case.values[0])])
         _, slopes = polish(one, start, iterations=0)
         one.refine([finer], case, slopes.residual)
-        assert one.numerical.any()
+        assert one.numerical.changes.any()
         slopes.correct(one)
         _, simulated = polish(one, start, iterations=0)
         np.testing.assert_allclose(slopes.residual, simulated.residual, atol=1e-12)
@@ -525,8 +528,8 @@ class TestFit:
         ((more, true),) = one.residuals([Case(structure=tried, values=np.array([[0.27], [0.25]]))])
         # Up to 0.28 the timestep can make up for too much damping, but for a ripple.
         ripple = 3e-5 * np.sin(np.arange(len(true)))[:, None]
-        one.numerical = (more - true + ripple)[None]
-        one.measured = one.measured + 1.5 * one.numerical[0]
+        one.numerical = NumericalError((more - true + ripple)[None])
+        one.measured = one.measured + 1.5 * one.numerical.changes[0]
         (found,) = fit(one, evaluate(one, [(tried, np.array([start]))]), iterations=20)
         assert found.values[0] == pytest.approx(0.25, abs=2e-3)
 
