@@ -10,7 +10,6 @@ pays for every step of each; side by side in one batch they share it.
 from __future__ import annotations
 
 import os
-import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.simulation.law_memory import Past
 from walkerkit.gap.simulation.laws import Laws
+from walkerkit.gap.simulation.models import differing
 from walkerkit.gap.simulation.steploop import rollout_with_laws
 from walkerkit.gap.simulation.trials import model_field
 from walkerkit.gap.simulation.workers import side_by_side
@@ -352,7 +352,7 @@ def _fields(members: Sequence[Asked]) -> dict[str, NDArray[Any]]:
     """Fields of which one has its own values, or in which the models differ."""
     names = dict.fromkeys(name for one in members for name in one.fields)
     for one in members[1:]:
-        names.update(dict.fromkeys(_differing(members[0].model, one.model) or ()))
+        names.update(dict.fromkeys(differing(members[0].model, one.model) or ()))
     return {
         name: np.concatenate(
             [
@@ -369,7 +369,7 @@ def _fields(members: Sequence[Asked]) -> dict[str, NDArray[Any]]:
 def _alike(one: Asked, other: Asked) -> bool:
     """Whether two rollouts can be done in one batch."""
     return (
-        _differing(one.model, other.model) is not None
+        differing(one.model, other.model) is not None
         and _of_like_length(one.n_steps, other.n_steps)
         and one.record == other.record
         and (one.laws is None) == (other.laws is None)
@@ -377,57 +377,3 @@ def _alike(one: Asked, other: Asked) -> bool:
         and (one.past is None) == (other.past is None)
         and (one.past is None or other.past is None or one.past.joins(other.past))
     )
-
-
-# Models are never written to, so that what was found of a pair holds for as long as they live.
-_DIFFERING: weakref.WeakKeyDictionary[
-    mujoco.MjModel, weakref.WeakKeyDictionary[mujoco.MjModel, tuple[str, ...] | None]
-] = weakref.WeakKeyDictionary()
-
-
-def _differing(one: mujoco.MjModel, other: mujoco.MjModel) -> tuple[str, ...] | None:
-    """Fields in which two models differ and that make one the other; None if it takes more."""
-    known = _DIFFERING.setdefault(one, weakref.WeakKeyDictionary())
-    if other not in known:
-        known[other] = _found_differing(one, other)
-    return known[other]
-
-
-def _found_differing(one: mujoco.MjModel, other: mujoco.MjModel) -> tuple[str, ...] | None:
-    differing = _differences(one, other)
-    fields = {}
-    for name in differing:
-        values = model_field(other, name)
-        if values.dtype != np.float64 or values.shape != model_field(one, name).shape:
-            return None
-        fields[name] = values[None]
-    if "opt.timestep" in fields:
-        return None
-    made = LockStep(one, 1, fields=fields, n_threads=1).batch.get_model(0)
-    # These are the same in both, but those of a batch are its own.
-    same = set(_differences(made, other)) <= {"opt.disableflags"}
-    return tuple(fields) if same else None
-
-
-def _differences(one: mujoco.MjModel, other: mujoco.MjModel) -> list[str]:
-    """Sizes, options and fields that are not the same in two models."""
-    return [
-        prefix + name
-        for prefix, mine, theirs in (("", one, other), ("opt.", one.opt, other.opt))
-        for name in _names_of_numbers(mine)
-        if not np.array_equal(getattr(mine, name), getattr(theirs, name))
-    ]
-
-
-_NAMES: dict[type, tuple[str, ...]] = {}
-
-
-def _names_of_numbers(one: object) -> tuple[str, ...]:
-    """Names of what holds numbers in a struct of MuJoCo's."""
-    if type(one) not in _NAMES:
-        _NAMES[type(one)] = tuple(
-            name
-            for name in dir(one)
-            if not name.startswith("_") and isinstance(getattr(one, name), (np.ndarray, int, float))
-        )
-    return _NAMES[type(one)]

@@ -1,0 +1,67 @@
+"""What makes one compiled model of another.
+
+differing(model, other)    # ("actuator_gainprm", "body_mass"), or None
+"""
+
+from __future__ import annotations
+
+import weakref
+
+import mujoco
+import numpy as np
+
+from walkerkit.gap.simulation.trials import model_field
+from walkerkit.walkers.batch import LockStep
+
+# Models are never written to, so that what was found of a pair holds for as long as they live.
+_DIFFERING: weakref.WeakKeyDictionary[
+    mujoco.MjModel, weakref.WeakKeyDictionary[mujoco.MjModel, tuple[str, ...] | None]
+] = weakref.WeakKeyDictionary()
+
+
+def differing(one: mujoco.MjModel, other: mujoco.MjModel) -> tuple[str, ...] | None:
+    """Fields in which two models differ and that make one the other; None if it takes more."""
+    known = _DIFFERING.setdefault(one, weakref.WeakKeyDictionary())
+    if other not in known:
+        known[other] = _found_differing(one, other)
+    return known[other]
+
+
+def _found_differing(one: mujoco.MjModel, other: mujoco.MjModel) -> tuple[str, ...] | None:
+    differing = _differences(one, other)
+    fields = {}
+    for name in differing:
+        values = model_field(other, name)
+        if values.dtype != np.float64 or values.shape != model_field(one, name).shape:
+            return None
+        fields[name] = values[None]
+    if "opt.timestep" in fields:
+        return None
+    made = LockStep(one, 1, fields=fields, n_threads=1).batch.get_model(0)
+    # These are the same in both, but those of a batch are its own.
+    same = set(_differences(made, other)) <= {"opt.disableflags"}
+    return tuple(fields) if same else None
+
+
+def _differences(one: mujoco.MjModel, other: mujoco.MjModel) -> list[str]:
+    """Sizes, options and fields that are not the same in two models."""
+    return [
+        prefix + name
+        for prefix, mine, theirs in (("", one, other), ("opt.", one.opt, other.opt))
+        for name in _names_of_numbers(mine)
+        if not np.array_equal(getattr(mine, name), getattr(theirs, name))
+    ]
+
+
+_NAMES: dict[type, tuple[str, ...]] = {}
+
+
+def _names_of_numbers(one: object) -> tuple[str, ...]:
+    """Names of what holds numbers in a struct of MuJoCo's."""
+    if type(one) not in _NAMES:
+        _NAMES[type(one)] = tuple(
+            name
+            for name in dir(one)
+            if not name.startswith("_") and isinstance(getattr(one, name), (np.ndarray, int, float))
+        )
+    return _NAMES[type(one)]
