@@ -76,7 +76,7 @@ class Gap:
         horizon: seconds after which replays restart from the measured state, or None for whole
             rollouts.
         finer_position: over all joints at a quarter of the timestep, where that matters more than
-            the noise; its noise floor has what even this timestep leaves.
+            the noise; its numerical floor is what even this timestep leaves.
         held_out: whether it was measured on recordings that no fit has seen.
         joints: joint to its position gap.
         signals: signal to its gap over all joints.

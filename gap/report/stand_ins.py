@@ -12,8 +12,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-import numpy as np
-
 from walkerkit.gap.effects import EVERYWHERE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Term
@@ -65,13 +63,19 @@ def _undoing(problem: Problem, final: Fit, pairs: Sequence[Pair]) -> list[Pair]:
         return []
     structure, objective = final.structure, problem.held.objective
     left_out = [*((one,) for one in structure.terms), *pairs]
-    values = np.tile(final.values, (1 + len(left_out), 1))
-    for row, terms in zip(values[1:], left_out, strict=True):
+    cases = []
+    for terms in left_out:
+        values = final.values.copy()
         for term in terms:
             columns = structure.columns(term)
-            row[columns] = structure.zero[columns]
-    (residual,) = objective.simulated([Case(structure=structure, values=values)])
-    changed = objective.mean_square(residual[1:] - residual[0])
-    weights = 1 / (objective.mean_square(residual[0]) + objective.floor**2)
-    size = dict(zip(left_out, changed @ weights, strict=True))
+            values[columns] = structure.zero[columns]
+        cases.append(Case(structure=structure, values=values[None]))
+    (own,) = objective.simulated([final.case])
+    weights = 1 / (objective.mean_square(own[0]) + objective.floor**2)
+    changed = [
+        float(objective.mean_square(residual[0] - own[0]) @ weights)
+        for group in objective.grouped(cases)
+        for residual in objective.simulated(cases[group])
+    ]
+    size = dict(zip(left_out, changed, strict=True))
     return [pair for pair in pairs if size[pair] < min(size[one,] for one in pair)]

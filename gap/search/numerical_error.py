@@ -26,8 +26,8 @@ class NumericalError:
     """What other ways to integrate change of a prediction.
 
     Attributes:
-        changes: (k, rows, n_scored): of half the timestep over its own, and of others over that.
-            None where the error is unknown or left alone.
+        changes: (k, rows, n_scored), of half the timestep over its own, and of others over that;
+            empty where the error is unknown or left alone.
     """
 
     changes: FloatArray
