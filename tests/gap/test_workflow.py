@@ -436,6 +436,31 @@ def test_only_the_effects_asked_for_are_considered(
         diagnose(servo, recordings, effects=["stiction"])
 
 
+def test_a_gap_is_explained_only_where_the_effort_is(
+    servo: Path, logs: Callable[..., list[Recording]]
+) -> None:
+    """A log of the effort in which something hums that moves nothing."""
+    damped = logs(hide("viscous_friction", damping=0.2))
+    humming = [
+        replace(
+            one,
+            columns={
+                **one.columns,
+                "knee/effort": one.columns["knee/effort"] + 0.4 * np.sin(19 * one.time),
+            },
+        )
+        for one in damped
+    ]
+    few = ["viscous_friction", "coulomb_friction"]
+    clean, found = (diagnose(servo, some, effects=few) for some in (damped, humming))
+    assert (clean.verdict, found.verdict) == ("explained", "partly_explained")
+    for one in (clean, found):
+        assert [named.effect for named in one.effects] == ["viscous_friction"]
+        assert one.gap.position.at_floor
+    assert clean.effects[0].confidence > 0.9 > found.effects[0].confidence
+    assert any("does not explain the effort" in note for note in found.notes)
+
+
 def test_an_effort_that_the_drive_does_not_report_is_not_compared(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:
