@@ -6,24 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.wiring import named_errors
-from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
+from walkerkit.gap.report.diagnosis import Gap, GapSize, NamedEffect, Verdict
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.search.problem import Problem
 
 _UNSURE = 0.9
-
-
-def notes(
-    problem: Problem,
-    gap: Gap,
-    effects: Sequence[NamedEffect],
-    stand_ins: Sequence[Sequence[str]],
-    verdict: Verdict,
-    *,
-    searched: bool,
-) -> tuple[str, ...]:
-    """The notes of a diagnosis, most important first."""
-    return tuple(_notes(problem, gap, effects, stand_ins, verdict, searched))
 
 
 def warning_notes(warned: Mapping[str, int]) -> tuple[str, ...]:
@@ -37,14 +24,27 @@ def warning_notes(warned: Mapping[str, int]) -> tuple[str, ...]:
     )
 
 
-def _notes(
+def notes(
     problem: Problem,
     gap: Gap,
     effects: Sequence[NamedEffect],
     stand_ins: Sequence[Sequence[str]],
+    besides: Mapping[str, GapSize],
     verdict: Verdict,
+    *,
     searched: bool,
 ) -> Iterator[str]:
+    """The notes of a diagnosis, most important first.
+
+    Args:
+        problem: what was explained.
+        gap: its gap.
+        effects: what was named.
+        stand_ins: names that may together be one.
+        besides: the signals that an explanation has to explain besides the position.
+        verdict: the verdict.
+        searched: whether effects were looked for.
+    """
     seen = {r.name: r for half in (problem.fit, problem.held) for g in half.recordings for r in g}
     wholes = {recording.whole.name for recording in seen.values()}
     for error in named_errors([*seen.values()]):
@@ -68,9 +68,8 @@ def _notes(
             "A gap remains above the floor that no further effect of the catalogue explains; "
             "mind it before you trust the model beyond these motions."
         )
-        scored = {channel.quantity for channel in problem.channels} - {"position"}
-        for signal, size in gap.signals.items():
-            if signal in scored and not size.mostly_closed:
+        for signal, size in besides.items():
+            if not size.mostly_closed:
                 before, after = (quantity(one, size.unit) for one in (size.before, size.after))
                 yield (
                     f"The {signal} error is {before} before and {after} after: what is named does "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -173,21 +173,17 @@ def summarise(
     gap = gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, rounds, after["held"])
     scored = {channel.quantity for channel in problem.channels} - {"position"}
-    besides = [size for name, size in gap.signals.items() if name in scored]
-    verdict = _verdict(gap, bool(effects), besides)
+    besides = {name: size for name, size in gap.signals.items() if name in scored}
+    verdict = _verdict(gap, bool(effects), besides.values())
     most = 1.0
     if verdict == "partly_explained":
         # What is missing the named effects may stand in for: the more is left, the more.
-        closed = min(size.closed for size in (gap.position, *besides))
+        closed = min(size.closed for size in (gap.position, *besides.values()))
         most = _LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * closed
     groups = stand_ins(problem, final)
-    several = {name for group in groups for name in group}
+    limits = {name: _SURE_OF_SEVERAL for group in groups for name in group}
     effects = tuple(
-        replace(
-            one,
-            confidence=one.confidence
-            * min(most, _SURE_OF_SEVERAL if one.effect in several else 1.0),
-        )
+        replace(one, confidence=min(most, limits.get(one.effect, 1.0)) * one.confidence)
         for one in effects
     )
     maps = gap_maps(problem, before, after)
@@ -217,7 +213,7 @@ def summarise(
         ),
         next_experiment=following.experiment if following else None,
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
-        notes=notes(problem, gap, effects, groups, verdict, searched=searched),
+        notes=tuple(notes(problem, gap, effects, groups, besides, verdict, searched=searched)),
         wiring=named_errors(everything),
         traces=traces(problem, before, after),
         seconds=seconds,
@@ -232,7 +228,7 @@ def summarise(
     )
 
 
-def _verdict(gap: Gap, named: bool, besides: Sequence[GapSize]) -> Verdict:
+def _verdict(gap: Gap, named: bool, besides: Iterable[GapSize]) -> Verdict:
     """The verdict on a gap, or on that at a finer timestep where the model's own leaves more.
 
     Args:

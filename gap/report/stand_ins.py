@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from walkerkit.gap.effects import EVERYWHERE
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Case, Fit, Term
+from walkerkit.gap.search.structure import Case, Fit, Term, carried
 
 _FEW = 2
 
@@ -65,11 +65,11 @@ def _undoing(problem: Problem, final: Fit, pairs: Sequence[Pair]) -> list[Pair]:
     left_out = [*((one,) for one in structure.terms), *pairs]
     cases = []
     for terms in left_out:
-        values = final.values.copy()
+        others = structure
         for term in terms:
-            columns = structure.columns(term)
-            values[columns] = structure.zero[columns]
-        cases.append(Case(structure=structure, values=values[None]))
+            others = others.without_term(term)
+        values = carried(final.values, structure, others)
+        cases.append(Case(structure=others, values=values[None]))
     (own,) = objective.simulated([final.case])
     weights = 1 / (objective.mean_square(own[0]) + objective.floor**2)
     changed = [

@@ -60,7 +60,7 @@ SPRING = ("parallel_spring", "ankle", (0.2, 0.0))
     ],
 )
 def test_many_and_two_of_one_part_may_be_one(
-    problem: Problem, places: tuple[tuple[str, str, tuple[float, ...]], ...], groups: list[str]
+    problem: Problem, places: tuple[Place, ...], groups: list[str]
 ) -> None:
     assert stand_ins(problem, named(problem, *places)) == tuple(groups)
 
