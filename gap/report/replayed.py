@@ -45,14 +45,7 @@ class Replayed:
 
     def rms(self, channels: Sequence[Channel]) -> float:
         """Root mean square over all samples of some channels."""
-        squares, count = 0.0, 0
-        for replay, residual in zip(self.replays, self.residuals(), strict=True):
-            for c, channel in enumerate(replay.channels):
-                if channel in channels:
-                    known = ~np.isnan(replay.measured[:, c])
-                    squares += float(np.square(residual[known, c]).sum())
-                    count += int(known.sum())
-        return float(np.sqrt(squares / count)) if count else 0.0
+        return _rms(self.replays, self.residuals(), channels)
 
 
 def replay_half(problem: Problem, half_name: str, robots: Sequence[Robot]) -> Replayed:
@@ -240,11 +233,19 @@ def _finer(problem: Problem, replayed: Replayed) -> Replayed:
 
 def _changed(coarse: Replayed, finer: Replayed, channels: Sequence[Channel]) -> float:
     """Root-mean-square change of some channels from one timestep to another."""
+    changes = [two - one for one, two in zip(coarse.predicted, finer.predicted, strict=True)]
+    return _rms(coarse.replays, changes, channels)
+
+
+def _rms(
+    replays: Sequence[Replay], differences: Sequence[FloatArray], channels: Sequence[Channel]
+) -> float:
+    """Root mean square over all that was measured of some channels; 0 where nothing was."""
     squares, count = 0.0, 0
-    for replay, one, other in zip(coarse.replays, coarse.predicted, finer.predicted, strict=True):
-        columns = [c for c, channel in enumerate(replay.channels) if channel in channels]
-        known = np.isfinite(replay.measured[:, columns])
-        change = np.where(known, other[:, columns] - one[:, columns], 0.0)
-        squares += float(np.square(change).sum())
-        count += int(known.sum())
+    for replay, difference in zip(replays, differences, strict=True):
+        for c, channel in enumerate(replay.channels):
+            if channel in channels:
+                known = ~np.isnan(replay.measured[:, c])
+                squares += float(np.square(difference[known, c]).sum())
+                count += int(known.sum())
     return float(np.sqrt(squares / count)) if count else 0.0
