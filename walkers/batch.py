@@ -61,23 +61,29 @@ _CHECKED_EVERY = 16  # steps that one which has diverged may go on for
 # ordinary event here. The handler is called from threads without the interpreter lock, so it has
 # to be a C function: strlen reads the message and does nothing else.
 _IGNORE = ctypes.CFUNCTYPE(ctypes.c_size_t, ctypes.c_char_p)(("strlen", ctypes.CDLL(None)))
+# MuJoCo reads the clock some thirty times a step, which takes as long as the rest of a small model's. None
+# gives it back its own clock, so it gets a C function of that form which always says the same.
+_NO_CLOCK = ctypes.CFUNCTYPE(ctypes.c_double)(("PyFloat_GetMin", ctypes.pythonapi))
 _COUNTING = threading.Lock()
 _COUNTED: ContextVar[Counter[str] | None] = ContextVar("warnings", default=None)
 
 
 class _Quiet:
-    """MuJoCo's one handler of warnings, ignored while any thread simulates."""
+    """MuJoCo's one handler of warnings, and its one clock, ignored while any thread simulates."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._depth = 0
         self._handler: Any = None
+        self._clock: Any = None
 
     def __enter__(self) -> None:
         with self._lock:
             if self._depth == 0:
                 self._handler = mujoco.get_mju_user_warning()
                 mujoco.set_mju_user_warning(_IGNORE)
+                self._clock = mujoco.get_mjcb_time()
+                mujoco.set_mjcb_time(_NO_CLOCK)
             self._depth += 1
 
     def __exit__(self, *_: object) -> None:
@@ -85,6 +91,7 @@ class _Quiet:
             self._depth -= 1
             if self._depth == 0:
                 mujoco.set_mju_user_warning(self._handler)
+                mujoco.set_mjcb_time(self._clock)
 
 
 _QUIET = _Quiet()

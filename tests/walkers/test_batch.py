@@ -125,6 +125,30 @@ def test_one_that_diverges_is_nan_and_leaves_the_others_alone(
     assert capfd.readouterr() == ("", "")
 
 
+def test_the_clock_is_read_by_whoever_else_steps_only(model):
+    read = []
+
+    def clock():
+        read.append(None)
+        return float(len(read))
+
+    engine, ctrl, start = LockStep(model, 3), commands(3), states(model, STARTS)
+    expected = engine.rollout(start, ctrl=ctrl).records["qpos"]
+    mujoco.set_mjcb_time(clock)
+    try:
+        found = engine.rollout(start, ctrl=ctrl).records["qpos"]
+        engine.step_by_step(start, 5, lambda k: None)
+        engine.advance(5, lambda k: None)
+        assert not read
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data)
+        assert read
+        assert data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0
+    finally:
+        mujoco.set_mjcb_time(None)
+    np.testing.assert_array_equal(found, expected)
+
+
 def test_one_that_diverged_can_run_again(model):
     ctrl, start = commands(2), states(model, STARTS[:2])
     engine = LockStep(model, 2)
