@@ -61,8 +61,8 @@ _CHECKED_EVERY = 16  # steps that one which has diverged may go on for
 # ordinary event here. The handler is called from threads without the interpreter lock, so it has
 # to be a C function: strlen reads the message and does nothing else.
 _IGNORE = ctypes.CFUNCTYPE(ctypes.c_size_t, ctypes.c_char_p)(("strlen", ctypes.CDLL(None)))
-# MuJoCo reads the clock some thirty times a step, which takes as long as the rest of a small model's. None
-# gives it back its own clock, so it gets a C function of that form which always says the same.
+# MuJoCo reads the clock some thirty times a step, which takes as long as the rest of a small
+# model's. None gives it its own clock back, so it gets a C function that always says the same.
 _NO_CLOCK = ctypes.CFUNCTYPE(ctypes.c_double)(("PyFloat_GetMin", ctypes.pythonapi))
 _COUNTING = threading.Lock()
 _COUNTED: ContextVar[Counter[str] | None] = ContextVar("warnings", default=None)
