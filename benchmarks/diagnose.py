@@ -4,13 +4,14 @@
     python -m benchmarks diagnose --quick
     python -m benchmarks diagnose --out figures  # and a plot of it
 
-The time within the calls of `mujoco.batch` is measured, in all processes that share the work, of
-the time that these are at work, and the simulation steps are counted: what
-`mujoco.rollout` takes for as many of the model as given, side by side on two threads with nothing
-else to do, falls short of the time spent there, since friction, plays and other integrators that
-the search tries are dearer than the model as given. Costs are then measured
-against the length of the logs, the number of joints and the number of effects; an exponent of 1 is
-linear, one below it is less, where the search takes a share of long logs.
+The simulation steps are counted, in all processes that share the work, and what `mujoco.rollout`
+takes for as many of the model as given, side by side on two threads with nothing else to do, is
+compared with the time of the diagnosis. The time within the calls of `mujoco.batch` is told beside
+it, of the time that the processes are at work: friction, plays and other integrators that the
+search tries are dearer than the model as given, but the lock-step engine does not let MuJoCo read
+the clock in each step as `mujoco.rollout` does, which is half of a small model's step. Costs are
+then measured against the length of the logs, the number of joints and the number of effects; an
+exponent of 1 is linear, one below it is less, where the search takes a share of long logs.
 """
 
 from __future__ import annotations
@@ -80,13 +81,13 @@ class Cost:
 def run(*, quick: bool, out: Path | None = None) -> list[Row]:
     """Diagnoses both robots, then what grows."""
     rows = []
-    cases: tuple[tuple[str, float, float], ...] = (
-        ("leg", 12.0, 20.0),
-        ("hung_quadruped", 20.0, 60.0),
+    cases: tuple[tuple[str, float, float, str], ...] = (
+        ("leg", 12.0, 20.0, f">= {SHARE:.0%}"),
+        ("hung_quadruped", 20.0, 60.0, ""),
     )
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        for rig, seconds, most in [("pendulum", 2.0, 20.0)] if quick else cases:
+        for rig, seconds, most, share in [("pendulum", 2.0, 20.0, "")] if quick else cases:
             effects = _ORDER[:3] if quick else tuple(CATALOGUE)
             cost = diagnosed(rig, folder, seconds=seconds, effects=effects)
             what = f"diagnose {rig}, three {seconds:.0f} s logs, {len(effects)} effects"
@@ -99,15 +100,19 @@ def run(*, quick: bool, out: Path | None = None) -> list[Row]:
                 Row(
                     what=what,
                     result=f"{cost.seconds:.1f} s",
-                    reference=f"{cost.steps:.3g} steps of {cost.raw * 1e6:.2f} µs on two threads: "
-                    f"{cost.alone:.1f} s, {cost.alone / cost.seconds:.0%} of it",
                     required="" if quick else f"<= {most:g} s",
+                ),
+                Row(
+                    what="what its steps alone take, of that",
+                    result=f"{cost.alone / cost.seconds:.0%}",
+                    reference=f"{cost.steps:.3g} steps of {cost.raw * 1e6:.2f} µs on two threads: "
+                    f"{cost.alone:.1f} s",
+                    required=share,
                 ),
                 Row(
                     what="its share of time inside MuJoCo",
                     result=f"{cost.inside / cost.busy:.0%}",
                     reference=f"{cost.inside:.1f} s of {cost.busy:.1f} s in mujoco.batch",
-                    required="" if quick else f">= {SHARE:.0%}",
                 ),
             ]
         curves = grown(folder, quick=quick)
