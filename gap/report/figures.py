@@ -36,9 +36,10 @@ def waterfall(diagnosis: Diagnosis) -> Specification:
     """
     signal, size = wording.telling(diagnosis.gap)
     steps = _steps(diagnosis, signal)
-    floors = [("noise floor", size.noise_floor, "dash", BLACK)]
-    if signal == "position":
-        floors.append(("numerical floor", diagnosis.gap.position.numerical_floor, "dot", GREY))
+    floors = [
+        ("noise floor", size.noise_floor, "dash", BLACK),
+        ("numerical floor", size.numerical_floor, "dot", GREY),
+    ]
     sizes = [after for _, _, after in steps]
     known = (x for x in (*sizes, *(floor for _, floor, _, _ in floors)) if math.isfinite(x))
     largest = max(known, default=0.0)

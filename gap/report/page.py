@@ -107,9 +107,7 @@ def _headline(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     numbers = [(f"{wording.words(signal)} error", size.before)]
     if diagnosis.effects:
         numbers = [(f"{wording.words(signal)} error before", size.before), ("after", size.after)]
-    numbers.append(("noise floor", size.noise_floor))
-    if signal == "position":
-        numbers.append(("numerical floor", diagnosis.gap.position.numerical_floor))
+    numbers += [("noise floor", size.noise_floor), ("numerical floor", size.numerical_floor)]
     return [(name, quantity(value, size.unit)) for name, value in numbers]
 
 
@@ -119,9 +117,7 @@ def _maps(diagnosis: Diagnosis) -> list[HeatMap]:
     found = []
     for of in sorted(diagnosis.maps, key=lambda of: of.signal != first):
         size = wording.signals(diagnosis.gap).get(of.signal)
-        floor = 0.0 if size is None else size.noise_floor
-        if of.signal == "position":
-            floor = max(floor, diagnosis.gap.position.numerical_floor)
+        floor = 0.0 if size is None else size.floor
         heat = heat_map(of, floor, mended=bool(diagnosis.effects))
         if heat is not None:
             found.append(heat)

@@ -74,7 +74,9 @@ def leg_diagnosis(
             },
             signals={
                 "position": GapSize(unit="rad", before=0.0066, after=0.0011, noise_floor=0.0010),
-                "effort": GapSize(unit="N·m", before=0.52, after=0.041, noise_floor=0.03),
+                "effort": GapSize(
+                    unit="N·m", before=0.52, after=0.041, noise_floor=0.03, numerical_floor=0.012
+                ),
             },
         ),
         locations=_locations(hip=(hip, 0.05), thigh=(thigh, 0.12), calf=(calf, 0.83)),

@@ -60,7 +60,9 @@ def test_a_gap_that_the_position_hides_falls_in_the_effort(leg: LegDiagnosis) ->
     drawn = figures.waterfall(hidden)
     np.testing.assert_allclose(drawn["data"][0]["x"], [0.52, 0.041])
     assert drawn["layout"]["xaxis"]["title"]["text"] == "effort error, rms [N·m]"
-    assert [trace.get("name") for trace in drawn["data"][2:]] == ["noise floor, 0.030 N·m"]
+    assert [trace.get("name") for trace in drawn["data"][2:]] == [
+        *("noise floor, 0.030 N·m", "numerical floor, 0.012 N·m")
+    ]
 
 
 def test_it_survives_a_model_that_diverges(leg: LegDiagnosis) -> None:

@@ -7,7 +7,6 @@ import pytest
 
 from tests.gap.search.test_naming import LEG, Q_ONLY, problem_of
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.report.diagnosis import GapSize
 from walkerkit.gap.report.stand_ins import stand_ins
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, Term
@@ -70,14 +69,3 @@ def test_two_that_undo_each_other_may_be_one(problem: Problem, kd: float, groups
     """Damping that the joint gains and the drive loses moves nothing at all."""
     fit = named(problem, ("viscous_friction", "knee", (0.3,)), ("velocity_gain", "knee", (kd,)))
     assert stand_ins(problem, fit) == ((("viscous_friction", "velocity_gain"),) if groups else ())
-
-
-@pytest.mark.parametrize(
-    ("after", "explained"),
-    [(0.029, True), (0.1, True), (0.3, False), (0.52, False), (0.9, False)],
-)
-def test_an_effort_that_stays_is_not_explained(after: float, explained: bool) -> None:
-    effort = GapSize(unit="N·m", before=0.52, after=after, noise_floor=0.012, numerical_floor=0.016)
-    assert effort.floor == pytest.approx(0.02)
-    assert effort.at_floor == (after < 0.03)
-    assert effort.mostly_closed == explained
