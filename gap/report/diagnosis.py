@@ -80,6 +80,7 @@ class Gap:
         held_out: whether it was measured on recordings that no fit has seen.
         joints: joint to its position gap.
         signals: signal to its gap over all joints.
+        scored: those that effects are judged by, and have to explain.
     """
 
     position: GapSize
@@ -88,6 +89,18 @@ class Gap:
     held_out: bool
     joints: Mapping[str, GapSize]
     signals: Mapping[str, GapSize]
+    scored: tuple[str, ...] = ("position",)
+
+    @property
+    def besides(self) -> dict[str, GapSize]:
+        """What effects have to explain besides the position."""
+        return {name: self.signals[name] for name in self.scored if name != "position"}
+
+    @property
+    def position_at_floor(self) -> bool:
+        """Whether no gap of the position is left, or none at a quarter of the timestep."""
+        finer = self.finer_position
+        return self.position.at_floor or (finer is not None and finer.at_floor)
 
 
 @dataclass(frozen=True, kw_only=True)

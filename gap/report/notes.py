@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.wiring import named_errors
-from walkerkit.gap.report.diagnosis import Gap, GapSize, NamedEffect, Verdict
+from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.search.problem import Problem
 
@@ -29,7 +29,6 @@ def notes(
     gap: Gap,
     effects: Sequence[NamedEffect],
     stand_ins: Sequence[Sequence[str]],
-    besides: Mapping[str, GapSize],
     verdict: Verdict,
     *,
     searched: bool,
@@ -41,7 +40,6 @@ def notes(
         gap: its gap.
         effects: what was named.
         stand_ins: names that may together be one.
-        besides: the signals that an explanation has to explain besides the position.
         verdict: the verdict.
         searched: whether effects were looked for.
     """
@@ -68,7 +66,7 @@ def notes(
             "A gap remains above the floor that no further effect of the catalogue explains; "
             "mind it before you trust the model beyond these motions."
         )
-        for signal, size in besides.items():
+        for signal, size in gap.besides.items():
             if not size.mostly_closed:
                 before, after = (quantity(one, size.unit) for one in (size.before, size.after))
                 yield (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +17,6 @@ from walkerkit.gap.report.diagnosis import (
     Considered,
     Diagnosis,
     Gap,
-    GapSize,
     Verdict,
 )
 from walkerkit.gap.report.locate import standing_out
@@ -31,6 +30,7 @@ from walkerkit.gap.report.replayed import (
     traces,
 )
 from walkerkit.gap.report.stand_ins import stand_ins
+from walkerkit.gap.report.wording import telling
 from walkerkit.gap.search.naming import Round
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
@@ -172,13 +172,11 @@ def summarise(
         after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
     gap = gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, rounds, after["held"])
-    scored = {channel.quantity for channel in problem.channels} - {"position"}
-    besides = {name: size for name, size in gap.signals.items() if name in scored}
-    verdict = _verdict(gap, bool(effects), besides.values())
+    verdict = _verdict(gap, bool(effects))
     most = 1.0
     if verdict == "partly_explained":
         # What is missing the named effects may stand in for: the more is left, the more.
-        closed = min(size.closed for size in (gap.position, *besides.values()))
+        closed = min(size.closed for size in (gap.position, *gap.besides.values()))
         most = _LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * closed
     groups = stand_ins(problem, final)
     limits = {name: _SURE_OF_SEVERAL for group in groups for name in group}
@@ -187,14 +185,15 @@ def summarise(
         for one in effects
     )
     maps = gap_maps(problem, before, after)
-    position = next((one for one in maps if one.signal == "position"), None)
+    of = {one.signal: one for one in maps}
+    told = of.get(telling(gap)[0], of.get("position"))
     everything = [r for half in (problem.fit, problem.held) for g in half.recordings for r in g]
     following = next_experiment(problem, confusion_set(rounds, _MOST_RIVALS))
     diagnosis = Diagnosis(
         verdict=verdict,
         gap=gap,
-        locations=standing_out(position.before) if position else (),
-        remaining=standing_out(position.after) if position and verdict != "no_gap" else (),
+        locations=standing_out(told.before) if told else (),
+        remaining=standing_out(told.after) if told and verdict != "no_gap" else (),
         maps=maps,
         effects=effects,
         considered=tuple(
@@ -213,7 +212,7 @@ def summarise(
         ),
         next_experiment=following.experiment if following else None,
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
-        notes=tuple(notes(problem, gap, effects, groups, besides, verdict, searched=searched)),
+        notes=tuple(notes(problem, gap, effects, groups, verdict, searched=searched)),
         wiring=named_errors(everything),
         traces=traces(problem, before, after),
         seconds=seconds,
@@ -228,17 +227,14 @@ def summarise(
     )
 
 
-def _verdict(gap: Gap, named: bool, besides: Iterable[GapSize]) -> Verdict:
-    """The verdict on a gap, or on that at a finer timestep where the model's own leaves more.
+def _verdict(gap: Gap, named: bool) -> Verdict:
+    """The verdict on a gap, with something named or not.
 
-    Args:
-        gap: the gap.
-        named: whether something was named.
-        besides: the other measured signals, which an explanation has to explain too.
+    The position's is that at a finer timestep where the model's own leaves more.
     """
-    finer = gap.finer_position
-    at_floor = gap.position.at_floor or (finer is not None and finer.at_floor)
+    besides = gap.besides.values()
     if not named:
-        return "no_gap" if at_floor else "unexplained"
+        nothing = gap.position_at_floor and all(size.at_floor for size in besides)
+        return "no_gap" if nothing else "unexplained"
     followed = all(size.mostly_closed for size in besides)
-    return "explained" if at_floor and followed else "partly_explained"
+    return "explained" if gap.position_at_floor and followed else "partly_explained"

@@ -191,13 +191,18 @@ def size_cells(diagnosis: Diagnosis, size: GapSize) -> tuple[str, ...]:
 
 
 def telling(gap: Gap) -> tuple[str, GapSize]:
-    """The position gap, or the signal that shrank most where position hides the change."""
+    """The position gap; another signal's where that shrinks and position hides it, or is all."""
     ratios = {
         name: size.after / size.before for name, size in signals(gap).items() if size.before > 0
     }
     best = min(ratios, key=lambda name: ratios[name], default="position")
     hidden = ratios.get("position", 1.0) > _SHRUNK and ratios.get(best, 1.0) <= _SHRUNK
-    return (best, gap.signals[best]) if hidden else ("position", gap.position)
+    if hidden:
+        return best, gap.signals[best]
+    left = {name: size for name, size in gap.besides.items() if not size.at_floor}
+    if left and gap.position_at_floor and not _shrinks(gap.position):
+        return max(left.items(), key=lambda one: one[1].after / one[1].floor)
+    return "position", gap.position
 
 
 def _shrinks(size: GapSize) -> bool:

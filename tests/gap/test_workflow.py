@@ -24,6 +24,7 @@ from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
 from walkerkit.gap.report.result import Result
+from walkerkit.gap.report.wording import verdict_sentence
 from walkerkit.tasks.excitation import BATTERY
 
 Array = NDArray[np.float64]
@@ -436,21 +437,17 @@ def test_only_the_effects_asked_for_are_considered(
         diagnose(servo, recordings, effects=["stiction"])
 
 
+def hummed(recording: Recording) -> Recording:
+    """The log with something in its effort that moves nothing."""
+    effort = recording.columns["knee/effort"] + 0.4 * np.sin(19 * recording.time)
+    return replace(recording, columns={**recording.columns, "knee/effort": effort})
+
+
 def test_a_gap_is_explained_only_where_the_effort_is(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:
-    """A log of the effort in which something hums that moves nothing."""
     damped = logs(hide("viscous_friction", damping=0.2))
-    humming = [
-        replace(
-            one,
-            columns={
-                **one.columns,
-                "knee/effort": one.columns["knee/effort"] + 0.4 * np.sin(19 * one.time),
-            },
-        )
-        for one in damped
-    ]
+    humming = [hummed(one) for one in damped]
     few = ["viscous_friction", "coulomb_friction"]
     clean, found = (diagnose(servo, some, effects=few) for some in (damped, humming))
     assert (clean.verdict, found.verdict) == ("explained", "partly_explained")
@@ -459,6 +456,18 @@ def test_a_gap_is_explained_only_where_the_effort_is(
         assert one.gap.position.at_floor
     assert clean.effects[0].confidence > 0.9 > found.effects[0].confidence
     assert any("does not explain the effort" in note for note in found.notes)
+
+
+def test_a_gap_of_the_effort_alone_is_a_gap(
+    servo: Path, logs: Callable[..., list[Recording]]
+) -> None:
+    few = ["viscous_friction", "coulomb_friction"]
+    found = diagnose(servo, [hummed(one) for one in logs()], effects=few)
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    assert found.gap.position.at_floor
+    assert "the effort error is 0.28 N·m" in verdict_sentence(found)
+    assert found.locations[0].rms == pytest.approx(0.28, rel=0.3)
 
 
 def test_an_effort_that_the_drive_does_not_report_is_not_compared(
