@@ -118,7 +118,7 @@ class AffineActuator(NativeActuator):
             own["stiffness"] = -self._bias0[:, 1] * self._gear**2
         if "damping" in _GAINS[self._kind]:
             own["damping"] = -self._bias0[:, 2] * self._gear**2
-        if np.isfinite(self._limits0).all():
+        if np.isfinite(self._limits0).any():
             own["effort_limit"] = np.abs(self._limits0).max(axis=1) * np.abs(self._gear)
         return own
 
@@ -128,6 +128,12 @@ class AffineActuator(NativeActuator):
     def _write(self, name: str, values: FloatArray, rows: Rows) -> None:
         every = np.array(np.broadcast_to(self._now[name], self.shape))
         every[slice(None) if rows is None else rows] = values
+        given = np.isfinite(every) & np.isinf(self._own0[name])
+        if given.any():
+            joint = self.joint_names[int(np.argwhere(given)[0, -1])]
+            raise ValueError(
+                f"joint {joint!r} has no {name} to change: give its actuator a forcerange"
+            )
         self._now[name] = every
         self._changed = True
         gain, bias, limits = self._law()
@@ -182,7 +188,9 @@ class AffineActuator(NativeActuator):
         Unchanged parameters leave every bit, and a changed one is what it would be if configured.
         """
         now, own = self._now[name], self._own0[name]
-        each = np.divide(nominal, own, out=np.array(unit), where=own != 0)
+        finite = np.isfinite(own)
+        each = np.where(finite, unit, 1.0)
+        np.divide(nominal, own, out=each, where=finite & (own != 0))
         return np.where(now == own, nominal, now * each)
 
     @abc.abstractmethod

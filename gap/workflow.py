@@ -26,6 +26,7 @@ from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings import base
 from walkerkit.gap.recordings.checks import (
+    check_angles,
     check_recordings,
     check_window,
     lopsided,
@@ -248,7 +249,8 @@ def compare(
         )
         problem = setup.problem(_known_hold(setup.robots) or "zero_order")
         rounds = name_effects(problem, [])
-        diagnosis = summarise(problem, rounds, problem.robots, seconds=0.0).diagnosis
+        found = summarise(problem, rounds, problem.robots, seconds=0.0, searched=False)
+        diagnosis = found.diagnosis
     notes = (*diagnosis.notes, *warning_notes(warned))
     return replace(diagnosis, notes=notes, seconds=time.perf_counter() - start)
 
@@ -282,6 +284,7 @@ def prepare(
             robot = with_sidecar(robot, robot.path)
         for recording in experiment.recordings:
             robot.check_joints(recording.joints, source(recording))
+            check_angles(robot, recording)
         robots.append(robot)
         fitting = tuple(suited(robot, tidied(recording)) for recording in experiment.recordings)
         suiting.append(replace(experiment, recordings=fitting))

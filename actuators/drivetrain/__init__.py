@@ -6,9 +6,6 @@
 A law is a class in the file of its family.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 from walkerkit.actuators.drivetrain.bank import LawBank
 from walkerkit.actuators.drivetrain.controller import (
     ControllerDeadband,
@@ -18,6 +15,7 @@ from walkerkit.actuators.drivetrain.controller import (
     SlewLimit,
     VelocityFilter,
 )
+from walkerkit.actuators.drivetrain.delays import CommandDelay, LoopDelay
 from walkerkit.actuators.drivetrain.drive import (
     ActuatorLag,
     Cogging,
@@ -37,41 +35,15 @@ from walkerkit.actuators.drivetrain.friction import (
 )
 from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
 from walkerkit.actuators.drivetrain.load_side import LoadSideFeedback
-from walkerkit.actuators.drivetrain.loop_delay import LoopDelay
+from walkerkit.actuators.drivetrain.registry import LAWS
 from walkerkit.actuators.drivetrain.runner import LawRunner
-
-# In the order in which those of one stage act.
-_LAWS: tuple[type[DrivetrainLaw], ...] = (
-    SampleAndHold,
-    SetpointFilter,
-    SlewLimit,
-    ControllerDeadband,
-    LoadSideFeedback,
-    IntegralAction,
-    VelocityFilter,
-    LoopDelay,
-    SupplySag,
-    TorqueSpeedLimit,
-    ActuatorLag,
-    StrengthDrift,
-    TorqueRipple,
-    Cogging,
-    QuadraticDrag,
-    AsymmetricFriction,
-    StribeckFriction,
-    LoadDependentFriction,
-    DirectionalEfficiency,
-    PoseDependentFriction,
-    PreslidingFriction,
-)
-LAWS: Mapping[str, type[DrivetrainLaw]] = MappingProxyType({law.name: law for law in _LAWS})
-"""Every law, by its name in the catalogue of effects."""
 
 __all__ = [
     "LAWS",
     "ActuatorLag",
     "AsymmetricFriction",
     "Cogging",
+    "CommandDelay",
     "ControllerDeadband",
     "DirectionalEfficiency",
     "DrivetrainLaw",

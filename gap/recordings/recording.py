@@ -315,8 +315,8 @@ class Recording:
             if step < 1e3 * LONGEST_STEP:
                 unit, factor = "milliseconds", "1e3"
             raise self._error(
-                f"column 'time' has a median step of {step:g} s and looks like {unit}. "
-                f"Divide it by {factor} to have seconds"
+                f"column 'time' has a median step of {step:g} s and looks like {unit}. Divide it "
+                f"by {factor} to have seconds; a log that is so slow cannot be compared"
             )
 
     def _check_units(self, columns: Mapping[str, Array]) -> None:

@@ -141,9 +141,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     noise = _floors(diagnosis.gap, signal, size)
     before, after = span((size.before, size.after), size.unit)
     if diagnosis.verdict == "no_gap":
+        coarse = diagnosis.gap.finer_position is not None
         return (
-            f"Nothing is missing from the model: {error} is {quantity(size.before, size.unit)}, "
-            f"and {noise}."
+            f"Nothing is missing from the model{' but a finer timestep' if coarse else ''}: "
+            f"{error} is {quantity(size.before, size.unit)}, and {noise}."
         )
     if diagnosis.verdict == "unexplained" or not diagnosis.effects:
         where = spot(diagnosis.locations[0]) if diagnosis.locations else ""
@@ -258,8 +259,8 @@ def advice(diagnosis: Diagnosis) -> str:
         if not doubts(diagnosis):
             return ""
         return (
-            "None of the experiments of the battery is predicted to tell them apart with the "
-            "signals that were logged."
+            "The battery, of position targets, has no experiment that is predicted to tell them "
+            "apart with the signals that were logged."
         )
     between = listed([label(name) for name in wanted.between])
     return (

@@ -61,9 +61,9 @@ def routes(robot: Robot, recording: Recording) -> tuple[Route, ...]:
         if joint.drives and not taken:
             wanted = " or ".join(f"`{name}/{drive.kind}_target`" for drive in joint.drives)
             raise InputError(
-                f"{source}: joint {name!r} has a {joint.drives[0].kind} actuator in "
-                f"{robot.source}, but the recording has no {wanted}. Log that target, or give the "
-                "joint the actuator that its drive really has."
+                f"{source}: joint {name!r} has an actuator for {joint.drives[0].kind} "
+                f"in {robot.source}, but the recording has no {wanted}. Log that target, or give "
+                "the joint the actuator that its drive really has."
             )
         if not joint.drives and targets and "effort" not in targets:
             raise InputError(

@@ -98,7 +98,7 @@ class DriveForces:
         self.limit = np.full(shape, np.inf)
         self.stiffness[:, self.columns] = -self._per_position
         self.damping[:, self.columns] = -self._per_velocity
-        self.limit[:, self.columns] = self._highest
+        self.limit[:, self.columns] = np.maximum(np.abs(self._lowest), np.abs(self._highest))
 
     def joins(self, other: DriveForces) -> bool:
         """Whether these drives differ from others in their efforts' numbers only."""

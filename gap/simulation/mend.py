@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.drivetrain import LAWS, CommandDelay
 from walkerkit.gap.simulation.interpolate import made_delay
 from walkerkit.gap.simulation.rebuild import Rebuilt, rebuilds
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
@@ -60,9 +61,9 @@ def mend(trial: Trials) -> Robot:
     spec.compile()  # gives the elements of the copy the ids of the compiled model
     for name, wanted in trial.fields.items():
         _WRITERS[name](spec, robot, model_field(robot.model, name), wanted[0])
-    for name, delay in trial.command_delay.items():
-        if delay[0] != 0:
-            _delay_commands(spec, robot.joints[name], float(delay[0]))
+    laws = _laws(trial)
+    for name, joint in robot.joints.items():
+        _delay_commands(spec, joint, float(trial.command_delay[name][0]), laws.get(name, {}))
     model = spec.compile()
     for name, wanted in trial.fields.items():
         if not np.allclose(model_field(model, name), wanted[0], rtol=_TOLERANCE, atol=_TOLERANCE):
@@ -78,7 +79,7 @@ def mend(trial: Trials) -> Robot:
         # is in the drive, not in the meaning of the command.
         joints=robot.joints,
         measurement=_measurement(trial),
-        laws=_laws(trial),
+        laws=laws,
     )
 
 
@@ -161,11 +162,27 @@ def _measurement(trials: Trials) -> dict[str, Measurement]:
     return found
 
 
-def _delay_commands(spec: mujoco.MjSpec, joint: Joint, delay: float) -> None:
+def _delay_commands(
+    spec: mujoco.MjSpec, joint: Joint, delay: float, laws: dict[str, dict[str, float]]
+) -> None:
+    """Writes the delay of a joint's commands as MJCF has it, or among its laws.
+
+    There it is with the model's own where one of the laws is the controller's, which sees what has
+    arrived.
+    """
     step = spec.option.timestep
+    controlled = any(LAWS[law].stage == "controller" for law in laws)
     for drive in joint.drives:
         actuator = _by_id(spec.actuators, drive.actuator)
         whole = float(made_delay(actuator.delay, step)) + delay
+        if controlled and drive.kind == "position":
+            if whole:
+                known = laws.setdefault(CommandDelay.name, dict(CommandDelay.neutral))
+                known["delay"] += whole
+            actuator.delay, actuator.nsample = 0.0, 0
+            continue
+        if not delay:
+            continue
         if whole < step:  # no such delay can be made; the nearest that can
             whole = step * round(whole / step)
         actuator.delay = whole

@@ -218,7 +218,7 @@ class Robot:
                 raise InputError(
                     f"{source}: joint {name!r} is not in the model {self.source}"
                     f"{closest(name, self.joints) or f', which has {known}'}. "
-                    f"Rename the columns `{name}/…` or the joint."
+                    f"Rename the columns `{name}/…` or the joint, or leave them out."
                 )
 
 

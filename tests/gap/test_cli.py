@@ -176,6 +176,10 @@ BAD_LOGS: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         lambda path: log(path, knee__position=at(300, 30, 51.0)),
         ("'knee/position' has 51 at row 31", "degrees", "numpy.deg2rad"),
     ),
+    "degrees within 50": (
+        lambda path: log(path, knee__position=at(300, 30, 39.0)),
+        ("'knee/position' reaches 39", "servo.xml ends at 2 rad", "degrees", "numpy.deg2rad"),
+    ),
     "milliseconds": (
         lambda path: log(path, time=np.arange(300) * 4.0),
         ("'time'", "looks like milliseconds", "Divide it by 1e3"),

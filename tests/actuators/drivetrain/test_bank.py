@@ -26,6 +26,7 @@ PARAMETERS = {
     "strength_drift": {"rate": 0.4},
     "supply_sag": {"sag": 0.2},
     "quadratic_drag": {"drag": 0.07},
+    "command_delay": {"delay": 0.0042},
     "loop_delay": {"delay": 0.0025},
     "load_side_feedback": {"share": 1.0},
 }
@@ -40,7 +41,7 @@ WRITTEN = ("target", "effort", "extra", "friction", "target_ahead", "effort_ahea
 
 
 def motion(n_sims, n_steps=60):
-    rng = np.random.default_rng(8)
+    rng = np.random.default_rng(9)
     names = ("q", "qd", "target", "effort", "play", "play_speed", "held")
     return {
         name: np.cumsum(0.3 * rng.normal(size=(n_steps, n_sims, JOINTS)), axis=0) for name in names

@@ -599,8 +599,8 @@ class TestCommands:
             (
                 '<velocity joint="hip" kv="1"/>',
                 ["hip/position_target"],
-                r"log: joint 'hip' has a velocity actuator in arm\.xml, but the recording has no "
-                r"`hip/velocity_target`\. Log that target, or",
+                r"log: joint 'hip' has an actuator for velocity in arm\.xml, but the recording "
+                r"has no `hip/velocity_target`\. Log that target, or",
             ),
             (
                 '<position joint="hip"/><motor joint="hip"/>',

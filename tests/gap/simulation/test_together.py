@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.gap.simulation.arm import CHANNELS, arm
+from walkerkit.actuators.drivetrain import LoopDelay
 from walkerkit.actuators.drivetrain.controller import (
     IntegralAction,
     SampleAndHold,
@@ -11,7 +12,6 @@ from walkerkit.actuators.drivetrain.controller import (
 )
 from walkerkit.actuators.drivetrain.drive import Cogging, SupplySag
 from walkerkit.actuators.drivetrain.friction import LoadDependentFriction
-from walkerkit.actuators.drivetrain.loop_delay import LoopDelay
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.simulation import together as module
