@@ -21,7 +21,7 @@ _PLACEHOLDERS = ("velocity", "effort")
 
 
 def check_recordings(recordings: Sequence[Recording]) -> None:
-    """Refuses recordings that are too short, have pauses, or hold no motion.
+    """Refuses recordings that are too short, have pauses, measure nothing, or hold no motion.
 
     Args:
         recordings: all that are used together.
@@ -30,6 +30,14 @@ def check_recordings(recordings: Sequence[Recording]) -> None:
         InputError: one of them is such a recording, or no joint moves in any.
     """
     for recording in recordings:
+        for joint in recording.joints:
+            position = recording.columns[f"{joint}/position"]
+            target = recording.columns.get(f"{joint}/position_target")
+            if target is not None and np.ptp(position) and np.array_equal(position, target):
+                raise InputError(
+                    f"{source(recording)}: column '{joint}/position' is '{joint}/position_target' "
+                    "to the bit, so no encoder has measured it. Log what was measured."
+                )
         if len(recording.time) < _FEWEST_SAMPLES:
             raise InputError(
                 f"{source(recording)}: it has {len(recording.time)} samples, and a comparison "
@@ -94,7 +102,7 @@ def _without(recording: Recording, silent: set[str]) -> Recording:
 
 
 def check_angles(robot: Robot, recording: Recording) -> None:
-    """Refuses positions far beyond their joint's range that would lie within it as degrees.
+    """Refuses positions and targets far beyond a joint's range that would be within as degrees.
 
     Raises:
         InputError: such a column.
@@ -104,8 +112,10 @@ def check_angles(robot: Robot, recording: Recording) -> None:
         reach = float(np.abs(robot.model.jnt_range[joint.id]).max())
         if joint.slide or not robot.model.jnt_limited[joint.id]:
             continue
-        largest = float(np.abs(recording.columns[f"{name}/position"]).max())
-        if np.deg2rad(largest) <= _BEYOND * reach and largest > _FAR_BEYOND * reach:
+        columns = (f"{name}/position", f"{name}/position_target")
+        each = [np.abs(recording.columns[c]).max() for c in columns if c in recording.columns]
+        largest = float(max(each))
+        if np.deg2rad(largest) <= _BEYOND * reach and min(each) > _FAR_BEYOND * reach:
             raise InputError(
                 f"{source(recording)}: column '{name}/position' reaches {largest:.4g}, where the "
                 f"joint of {robot.source} ends at {reach:.4g} rad: looks like degrees; convert "

@@ -639,6 +639,24 @@ class TestWrapped:
         Randomization(parameter="strength", range=(0.5, 0.5)).apply(group, rng())
         assert physics.model.actuator_forcerange.tolist() == [[-1.5, 0]]
 
+    def test_a_limit_beside_an_actuator_that_has_none(self):
+        motors = (
+            '<motor name="hip" joint="hip"/>'
+            '<motor name="knee" joint="knee" forcerange="-6 6" forcelimited="true"/>'
+        )
+        xml = XML.replace("</worldbody>", f"</worldbody><actuator>{motors}</actuator>")
+        physics, group = physics_of(XmlMotorActuatorCfg(joint_names_expr=ALL), xml=xml)
+        (actuator,) = group.actuators
+        assert actuator.nominal("effort_limit").tolist() == [np.inf, 6]
+        Randomization(parameter="effort_limit", range=(0.5, 0.5)).apply(group, rng())
+        assert actuator.get("effort_limit").tolist() == [np.inf, 3]
+        assert physics.model.actuator_forcerange.tolist() == [[0, 0], [-3, 3]]
+        forces = self.force(physics, group, effort_target=[9.0, 9.0])
+        assert forces.tolist() == [9, 3]
+        with pytest.raises(ValueError, match="joint 'hip' has no effort_limit to change"):
+            actuator.set("effort_limit", 4.0)
+        assert actuator.get("effort_limit").tolist() == [np.inf, 3]
+
 
 def delayed(low=0, high=6, joints=ALL, **more):
     base = IdealPdActuatorCfg(**{**PD, "joint_names_expr": joints})

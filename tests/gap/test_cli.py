@@ -177,7 +177,11 @@ BAD_LOGS: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         ("'knee/position' has 51 at row 31", "degrees", "numpy.deg2rad"),
     ),
     "degrees within 50": (
-        lambda path: log(path, knee__position=at(300, 30, 39.0)),
+        lambda path: log(
+            path,
+            knee__position=39.0 * np.sin(np.arange(300) / 50),
+            knee__position_target=35.0 * np.sin(np.arange(300) / 50 + 0.1),
+        ),
         ("'knee/position' reaches 39", "servo.xml ends at 2 rad", "degrees", "numpy.deg2rad"),
     ),
     "milliseconds": (
@@ -188,6 +192,10 @@ BAD_LOGS: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "no target": (
         lambda path: log(path, knee__position_target=None),
         ("no joint has a target", "knee/position_target"),
+    ),
+    "repeated command": (
+        lambda path: log(path, knee__position=0.3 * np.sin(3 * (np.arange(300) / RATE))),
+        ("'knee/position' is 'knee/position_target' to the bit", "Log what was measured"),
     ),
     "no position": (
         lambda path: log(path, knee__position=None),
@@ -287,11 +295,11 @@ BAD_MODELS: dict[str, tuple[str | None, tuple[str, ...]]] = {
     "other joint": (SERVO.replace("knee", "elbow"), ("a.csv", "'knee'", "elbow")),
     "motor": (
         SERVO.replace(ACTUATOR, '<motor joint="knee"/>'),
-        ("a.csv", "'knee'", "effort actuator", "`knee/effort_target`"),
+        ("a.csv", "'knee'", "actuator for effort", "`knee/effort_target`"),
     ),
     "velocity servo": (
         SERVO.replace(ACTUATOR, '<velocity joint="knee" kv="1"/>'),
-        ("a.csv", "'knee'", "velocity actuator", "`knee/velocity_target`"),
+        ("a.csv", "'knee'", "actuator for velocity", "`knee/velocity_target`"),
     ),
     "no actuator": (
         SERVO.replace(ACTUATOR, ""),

@@ -10,6 +10,7 @@ from walkerkit import gap
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.rehearsal.rehearse import rehearse
+from walkerkit.gap.report.wording import verdict_sentence
 from walkerkit.gap.search.structure import Case
 from walkerkit.gap.simulation.replay import Channel, Replay
 from walkerkit.gap.simulation.trials import Trials
@@ -59,6 +60,12 @@ class TestReplay:
         assert gap.locate(replayed) == compared.locations
         for trace, other in zip(replayed.traces, compared.traces, strict=True):
             np.testing.assert_array_equal(trace.after, other.before)
+
+    def test_what_was_not_looked_for_is_not_said_to_be_missing(self, bench, rehearsal):
+        compared = gap.compare(bench, rehearsal.recordings)
+        assert compared.verdict == "unexplained"
+        assert verdict_sentence(compared).startswith("Simulation and measurement disagree")
+        assert "`walkerkit diagnose` with the same arguments" in compared.notes[0]
 
     def test_of_mended_robots_shows_what_they_leave(self, problem, fitted):
         replayed = gap.replay(problem, fitted.robots)
