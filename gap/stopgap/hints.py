@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 
 _UNEXPLAINED = ("unexplained", "partly_explained")
 _MOST_JOINTS, _SHARE = 3, 0.1  # of the squared gap
+_NO_HINT = (
+    "There is no stopgap either: no formula of positions, velocities and efforts makes the missing "
+    "effort smaller where it was not fitted. Longer recordings may have one."
+)
 _USE = """\
 from walkerkit.walkers import MjcfWalker
 from walkerkit.walkers.saved import saved_actuators
@@ -60,6 +64,8 @@ def with_hints(result: Result) -> Result:
         if drive is not None:
             drives.append(drive)
             hints.append(_of_drive(diagnosis, drive))
+    if not hints:
+        diagnosis = replace(diagnosis, notes=(*diagnosis.notes, _NO_HINT))
     return replace(result, diagnosis=replace(diagnosis, hints=tuple(hints)), stopgaps=tuple(drives))
 
 

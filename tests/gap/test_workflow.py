@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap import workflow
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
@@ -435,6 +436,27 @@ def test_only_the_effects_asked_for_are_considered(
     assert [named.effect for named in found.effects] == ["viscous_friction"]
     with pytest.raises(InputError, match="'stiction' is not in the catalogue"):
         diagnose(servo, recordings, effects=["stiction"])
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_noise_that_is_misjudged_invents_no_effect(
+    servo: Path,
+    logs: Callable[..., list[Recording]],
+    monkeypatch: pytest.MonkeyPatch,
+    factor: float,
+) -> None:
+    estimate = noise.estimate
+
+    def misjudged(signals: Sequence[Array]) -> noise.Noise:
+        found = estimate(signals)
+        return replace(found, std=factor * found.std)
+
+    right = diagnose(servo, logs(), effects=[*MOVING, *RESTING])
+    monkeypatch.setattr(noise, "estimate", misjudged)
+    wrong = diagnose(servo, logs(), effects=[*MOVING, *RESTING])
+    floors = (one.gap.position.noise_floor for one in (right, wrong))
+    assert next(floors) * factor == pytest.approx(next(floors))
+    assert right.effects == wrong.effects == ()
 
 
 def hummed(recording: Recording) -> Recording:

@@ -107,3 +107,16 @@ def test_no_hint_where_nothing_is_missing(tmp_path):
     assert result.diagnosis.hints == ()
     assert result.stopgaps == ()
     assert "hints" not in json.loads(result.diagnosis.to_json())
+    assert not any("stopgap" in note for note in result.diagnosis.notes)
+
+
+def test_that_there_is_none_is_said(tmp_path):
+    def short(one):
+        part = one.between(0.0, 0.3)
+        columns = {k: v for k, v in part.columns.items() if not k.endswith("/effort")}
+        return replace(part, name=one.name, columns=columns)
+
+    diagnosis = diagnosed(tmp_path, [short(one) for one in rig.logs(drive=rig.soft)]).diagnosis
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.hints == ()
+    assert "no stopgap either" in diagnosis.notes[-1]
