@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ from walkerkit.gap.recordings.wiring import WiringError
 FloatArray = NDArray[np.float64]
 Verdict = Literal["explained", "partly_explained", "no_gap", "unexplained"]
 SCHEMA = 1
+_CLEARLY = 4.0  # a gap over the timestep's own error that this cannot be taken for
 _AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
 _MOSTLY = 0.5  # of the way to its floor, which an explained gap has gone
 
@@ -101,6 +102,18 @@ class Gap:
         """Whether no gap of the position is left, or none at a quarter of the timestep."""
         finer = self.finer_position
         return self.position.at_floor or (finer is not None and finer.at_floor)
+
+    @property
+    def clear(self) -> float:
+        """How clearly the gap stood out of the timestep's own error, 0 to 1 for `_CLEARLY`.
+
+        That hides nothing where it is less than the noise, where the noise alone is left, as of a
+        log from the same simulator, or where nothing is left at a finer timestep.
+        """
+        finer, size = self.finer_position, self.position
+        if finer is None or finer.at_floor or replace(size, numerical_floor=0.0).at_floor:
+            return 1.0
+        return min(max(math.log(size.before / size.numerical_floor, _CLEARLY), 0.0), 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -173,11 +173,12 @@ def summarise(
     gap = gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, rounds, after["held"])
     verdict = _verdict(gap, bool(effects))
-    most = 1.0
+    # What is missing the named effects may stand in for: the more is left, or hidden, the more.
+    shown = gap.clear
     if verdict == "partly_explained":
-        # What is missing the named effects may stand in for: the more is left, the more.
-        closed = min(size.closed for size in (gap.position, *gap.besides.values()))
-        most = _LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * closed
+        shown = min(shown, *(size.closed for size in (gap.position, *gap.besides.values())))
+    full = verdict != "partly_explained" and shown == 1.0
+    most = 1.0 if full else _LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * shown
     groups = stand_ins(problem, final)
     limits = {name: _SURE_OF_SEVERAL for group in groups for name in group}
     effects = tuple(

@@ -25,7 +25,10 @@ def log(name: str = "log", samples: int = 40, **columns: ArrayLike) -> Recording
     """A recording at 100 Hz; `knee__effort=...` is the column `knee/effort`."""
     time = columns.pop("time", np.arange(samples) / 100)
     swing = np.sin(np.arange(samples) / 10)
-    given: dict[str, Any] = {"knee__position": swing, "knee__position_target": swing} | columns
+    given: dict[str, Any] = {
+        "knee__position": swing,
+        "knee__position_target": 1.1 * swing,
+    } | columns
     return Recording(
         name=name,
         time=np.asarray(time),
