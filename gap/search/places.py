@@ -53,8 +53,7 @@ def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
     """
     while len(term.places) > 1:
         slopes = linearised(problem.race.objective, full)
-        lost = losses(problem.race.objective, full, slopes)
-        loss = {s: float(lost[full.structure.columns(term, s)].min()) for s in term.places}
+        loss = _losses(problem, full, term, slopes)
         sure = _SURE * least_gain(problem) / len(problem.channels)
         doubtful = [site for site in term.places if loss[site] < sure]
         if len(doubtful) == len(term.places):
@@ -82,6 +81,24 @@ def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
                 smaller, found = together
         full, term = found, smaller
     return full
+
+
+def _losses(problem: Problem, full: Fit, term: Term, slopes: Slopes) -> dict[str, float]:
+    """Place of a term to what dropping it costs of the score, by the slopes, or as it is.
+
+    Slopes do not see that a limit which nothing reaches may as well be far away.
+    """
+    objective, structure = problem.race.objective, full.structure
+    lost = losses(objective, full, slopes)
+    smaller = [_replaced(structure, term, _without(term, [site])) for site in term.places]
+    now, *without = evaluate(
+        objective,
+        [(one, carried(full.values, structure, one)) for one in (structure, *smaller)],
+    )
+    return {
+        site: min(float(lost[structure.columns(term, site)].min()), one.score - now.score)
+        for site, one in zip(term.places, without, strict=True)
+    }
 
 
 def _dropped(

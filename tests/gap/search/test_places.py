@@ -1,0 +1,27 @@
+"""An effect stays at the joints that need it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.gap.search.test_naming import LEG, hide, problem_of
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.places import places_needed
+from walkerkit.gap.search.structure import Structure, Term
+
+
+@pytest.mark.parametrize("limit", [1.4, 6.0], ids=["touched", "never reached"])
+def test_a_limit_that_may_as_well_be_far_away_is_dropped(tmp_path: Path, limit: float) -> None:
+    """By its slope where it is touched, being without it would be another matter."""
+    path = tmp_path / "leg.xml"
+    path.write_text(LEG, encoding="utf-8")
+    problem = problem_of(path, [hide("effort_limit", "ankle", forcerange=0.2)])
+    term = Term(effect=CATALOGUE["effort_limit"], sites=("knee", "ankle"), shared=False)
+    structure = Structure((term,), problem.robots)
+    (full,) = evaluate(problem.race.objective, [(structure, np.array([limit, 0.2]))])
+    (kept,) = places_needed(problem, full, term).structure.terms
+    assert kept.sites == ("ankle",)
