@@ -222,7 +222,7 @@ class Tries:
         return _worth_a_race(view, current, [warm[k] for k in chosen])
 
     def _lessened(self, starts: Sequence[Fit]) -> list[Fit]:
-        """Starts with less of their last effect, or of the first number of it."""
+        """Starts with less of their last effect, or of the first number of it, or at one place."""
         cases = []
         for one in starts:
             term = one.structure.terms[-1]
@@ -234,6 +234,11 @@ class Tries:
                 for part in _LESS:
                     rows.append(one.values.copy())
                     rows[-1][some] -= (1 - part) * away[some]
+            # Of many places that move at once, those that need not hide the one that does.
+            for place in term.places if len(term.places) > 1 else ():
+                rows.append(one.values.copy())
+                others = np.setdiff1d(columns, one.structure.columns(term, place))
+                rows[-1][others] = one.structure.zero[others]
             cases.append(Case(structure=one.structure, values=np.array(rows)))
         return best_of(self._problem.screen.objective, cases)
 

@@ -12,6 +12,7 @@ from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.places import places_needed
 from walkerkit.gap.search.structure import Structure, Term
+from walkerkit.gap.search.trying import Tries
 
 
 @pytest.mark.parametrize("limit", [1.4, 6.0], ids=["touched", "never reached"])
@@ -25,3 +26,23 @@ def test_a_limit_that_may_as_well_be_far_away_is_dropped(tmp_path: Path, limit: 
     (full,) = evaluate(problem.race.objective, [(structure, np.array([limit, 0.2]))])
     (kept,) = places_needed(problem, full, term).structure.terms
     assert kept.sites == ("ankle",)
+
+
+def test_a_start_that_moves_too_much_may_move_one_place_only(tmp_path: Path) -> None:
+    path = tmp_path / "leg.xml"
+    path.write_text(LEG, encoding="utf-8")
+    problem = problem_of(path, [hide("effort_limit", "ankle", forcerange=0.2)])
+    term = Term(effect=CATALOGUE["effort_limit"], sites=("knee", "ankle"), shared=False)
+    structure = Structure((term,), problem.robots)
+    objective = problem.screen.objective
+    nothing, start, best = evaluate(
+        objective,
+        [
+            (structure, v)
+            for v in (structure.zero, np.array([0.3, 0.2]), np.array([structure.zero[0], 0.2]))
+        ],
+    )
+    assert start.score > nothing.score
+    (less,) = Tries(problem, [CATALOGUE["effort_limit"]], None)._lessened([start])
+    np.testing.assert_array_equal(less.values, best.values)
+    assert less.score < nothing.score
