@@ -26,7 +26,6 @@ from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings import base
 from walkerkit.gap.recordings.checks import (
-    check_angles,
     check_recordings,
     check_window,
     lopsided,
@@ -284,7 +283,7 @@ def prepare(
             robot = with_sidecar(robot, robot.path)
         for recording in experiment.recordings:
             robot.check_joints(recording.joints, source(recording))
-            check_angles(robot, recording)
+            robot.check_angles(recording.columns, source(recording))
         robots.append(robot)
         fitting = tuple(suited(robot, tidied(recording)) for recording in experiment.recordings)
         suiting.append(replace(experiment, recordings=fitting))

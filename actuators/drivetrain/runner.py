@@ -22,7 +22,6 @@ from walkerkit.actuators.actuator import rows_of
 from walkerkit.actuators.command import ActuatorCmd
 from walkerkit.actuators.drivetrain.bank import LawBank
 from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
-from walkerkit.actuators.drivetrain.registry import LAWS
 from walkerkit.actuators.group import ActuatorGroup
 from walkerkit.actuators.play import play_joint
 from walkerkit.actuators.selection import select
@@ -34,7 +33,7 @@ class LawRunner:
     """Runs laws of the controller before the actuators, and those of drive and joint after them.
 
     Args:
-        laws: the laws; one of a kind acts on a joint once, before or after others as in `LAWS`.
+        laws: the laws; one of a kind acts on a joint once.
     """
 
     def __init__(self, laws: Sequence[DrivetrainLaw]):
@@ -72,9 +71,7 @@ class LawRunner:
             for name, values in law.numbers(tuple(names[i] for i in chosen)).items():
                 of_law[name][chosen] = values
         model = simulation.model
-        order = [*LAWS.values(), *parameters]  # whatever the order in which they are given
-        laws = sorted(parameters.items(), key=lambda of: order.index(of[0]))
-        self._bank = LawBank(laws, shape, float(model.opt.timestep))
+        self._bank = LawBank(list(parameters.items()), shape, float(model.opt.timestep))
         self._dofs = model.jnt_dofadr[group.joint_ids].astype(np.intp)
         self._qposes = model.jnt_qposadr[group.joint_ids].astype(np.intp)
         self._qpos, self._qvel = simulation.state("qpos"), simulation.state("qvel")

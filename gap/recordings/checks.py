@@ -10,12 +10,10 @@ import numpy as np
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.manifest import Experiment
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.simulation.robot import Robot
 
 _FEWEST_SAMPLES = 20  # of a recording
 _FEWEST_IN_WINDOW = 8
 _LONGEST_PAUSE = 0.5  # s
-_BEYOND, _FAR_BEYOND = 1.2, 4.0  # of a joint's range, where nothing is as far
 _COMPARED = ("position", "effort")
 _PLACEHOLDERS = ("velocity", "effort")
 
@@ -99,28 +97,6 @@ def _without(recording: Recording, silent: set[str]) -> Recording:
         return recording
     columns = {name: v for name, v in recording.columns.items() if name not in silent}
     return replace(recording, columns=columns, unused=(*recording.unused, *dropped))
-
-
-def check_angles(robot: Robot, recording: Recording) -> None:
-    """Refuses positions and targets far beyond a joint's range that would be within as degrees.
-
-    Raises:
-        InputError: such a column.
-    """
-    for name in recording.joints:
-        joint = robot.joints[name]
-        reach = float(np.abs(robot.model.jnt_range[joint.id]).max())
-        if joint.slide or not robot.model.jnt_limited[joint.id]:
-            continue
-        columns = (f"{name}/position", f"{name}/position_target")
-        each = [np.abs(recording.columns[c]).max() for c in columns if c in recording.columns]
-        largest = float(max(each))
-        if np.deg2rad(largest) <= _BEYOND * reach and min(each) > _FAR_BEYOND * reach:
-            raise InputError(
-                f"{source(recording)}: column '{name}/position' reaches {largest:.4g}, where the "
-                f"joint of {robot.source} ends at {reach:.4g} rad: looks like degrees; convert "
-                "with numpy.deg2rad."
-            )
 
 
 def lopsided(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> str | None:

@@ -173,12 +173,7 @@ def summarise(
     gap = gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, rounds, after["held"])
     verdict = _verdict(gap, bool(effects))
-    # What is missing the named effects may stand in for: the more is left, or hidden, the more.
-    shown = gap.clear
-    if verdict == "partly_explained":
-        shown = min(shown, *(size.closed for size in (gap.position, *gap.besides.values())))
-    full = verdict != "partly_explained" and shown == 1.0
-    most = 1.0 if full else _LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * shown
+    most = _most_sure(gap, verdict)
     groups = stand_ins(problem, final)
     limits = {name: _SURE_OF_SEVERAL for group in groups for name in group}
     effects = tuple(
@@ -239,3 +234,14 @@ def _verdict(gap: Gap, named: bool) -> Verdict:
         return "no_gap" if nothing else "unexplained"
     followed = all(size.mostly_closed for size in besides)
     return "explained" if gap.position_at_floor and followed else "partly_explained"
+
+
+def _most_sure(gap: Gap, verdict: Verdict) -> float:
+    """How sure names may be where effects that are missing may have been fitted by those named.
+
+    The more of the gap is left, or hidden by the timestep's own error, the less.
+    """
+    shown = [gap.clear] if gap.clear < 1 else []
+    if verdict == "partly_explained":
+        shown += [size.closed for size in (gap.position, *gap.besides.values())]
+    return _LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * min(shown) if shown else 1.0

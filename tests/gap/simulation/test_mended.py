@@ -92,35 +92,39 @@ def mended(robot, names, laws=(), share=0.3):
     ids=["nothing", "native", "laws"],
 )
 def test_the_walker_moves_as_the_replay_does(variant, names, laws):
-    follows(mended(robot_of(variant)[0], names, laws))
+    assert moved_alike(mended(robot_of(variant)[0], names, laws)).min() > 0.25
 
 
 @pytest.mark.parametrize("variant", [PLAIN, AWKWARD], ids=["plain", "awkward"])
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name not in ELSEWHERE])
 def test_the_walker_has_each_effect(variant, name):
-    follows(mended(robot_of(variant)[0], [name], share=1.0), moves=0.001)
+    moved = moved_alike(mended(robot_of(variant)[0], [name], share=1.0))
+    # In steps of a tenth the log ends where the motion begins.
+    assert moved.max() > 0.001 if name == "timestep" else moved.min() > 0.05
 
 
 @pytest.mark.parametrize("variant", [PLAIN, AWKWARD], ids=["plain", "awkward"])
 @pytest.mark.parametrize("name", [name for name in CONTROLLERS if name not in ELSEWHERE])
 def test_a_controller_gets_what_comes_late(variant, name):
     names = dict.fromkeys(["command_delay", name])
-    follows(mended(robot_of(variant)[0], names, share=1.0), moves=0.05)
+    assert moved_alike(mended(robot_of(variant)[0], names, share=1.0)).min() > 0.05
 
 
 def test_a_controller_gets_what_the_models_own_delay_lets_through():
     variant = {**PLAIN, "actuators": PLAIN["actuators"].replace("<position", OWN_DELAY)}
-    follows(mended(robot_of(variant)[0], ["sample_and_hold"], share=1.0))
+    robot = mended(robot_of(variant)[0], ["sample_and_hold"], share=1.0)
+    assert moved_alike(robot).min() > 0.25
 
 
 def test_a_limit_of_one_joint_is_seen_beside_one_that_has_none():
     limited = PLAIN["actuators"].replace(' forcerange="-20 20"', "")
     limited = limited.replace("<position", "<position forcerange='-4 4'", 1)
-    follows(mended(robot_of({**PLAIN, "actuators": limited})[0], ["supply_sag"], share=1.0))
+    robot = mended(robot_of({**PLAIN, "actuators": limited})[0], ["supply_sag"], share=1.0)
+    assert moved_alike(robot).min() > 0.25
 
 
-def follows(robot, moves=0.25):
-    """Asserts that the robot's walker moves as its replay does, and that it moves."""
+def moved_alike(robot):
+    """How far each joint moves, (2,) rad, where the walker moves as the replay does."""
     step = robot.model.opt.timestep
     recording, targets = log(step)
     predicted = Replay(robot, whole(recording), CHANNELS).predict(Trials(robot, 1))[0]
@@ -139,7 +143,7 @@ def follows(robot, moves=0.25):
         environment.step(np.zeros(2))
         path.append(np.array(joints.qpos))
     np.testing.assert_allclose(path, predicted, atol=1e-7)
-    assert np.ptp(predicted, axis=0).max() > moves
+    return np.ptp(predicted, axis=0)
 
 
 def test_actuators_say_what_mjcf_cannot():
