@@ -23,7 +23,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.report.diagnosis import NextExperiment
 from walkerkit.gap.report.independence import Independence, independence
-from walkerkit.gap.report.set_ups import RELEASE, SetUp, held_amplitude, set_ups
+from walkerkit.gap.report.set_ups import RELEASE, SetUp, held_amplitude, set_ups, takes
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.channel import Channel
@@ -77,10 +77,10 @@ def next_experiment(problem: Problem, members: Sequence[Fit]) -> Plan | None:
         members: fits of the members of a confusion set, the named one first.
 
     Returns:
-        The experiment; None where the robot takes no position targets, or none parts the members.
+        The experiment; None where there is none for such a robot, or none parts the members.
     """
     robot = problem.robots[0]
-    if len(members) < 2 or any(robot.joints[j].drive("position") is None for j in problem.joints):
+    if len(members) < 2 or takes(robot, problem.joints) is None:
         return None
     tried: list[_Choice] = []
     for alike in _choices(_Bench(problem, members)):
@@ -115,6 +115,7 @@ class _Bench:
         self.robot = problem.robots[0]
         self.members = members
         self.joints = problem.joints
+        self.takes = takes(self.robot, problem.joints)
         self.concerned = _concerned(self.robot, problem.joints, members)
         self.watched = tuple(
             Channel(joint=joint, signal=signal)
@@ -219,30 +220,31 @@ def _choices(bench: _Bench) -> Iterator[list[_Choice]]:
 
 
 def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Recording:
-    """What to send: targets about the middle of each joint's room."""
+    """What to send: targets about the middle of each joint's room, or effort about none."""
     time = np.arange(0.0, _SECONDS, 1 / _RATE)
     at = [bench.robot.excursion(joint) for joint in bench.joints]
     middle = np.array([0.5 * (a.lower + a.upper) for a in at])
     half = 0.5 * size * np.array([a.range for a in at])
-    for joint in set_up.held:
-        k = bench.joints.index(joint)
-        half[k] = min(half[k], size * held_amplitude(bench.robot, joint))
+    held = [held_amplitude(bench.robot, j) if j in set_up.held else np.inf for j in bench.joints]
+    most = size * np.array(held)
+    effort = bench.takes == "effort"
     if excitation == RELEASE:
-        pose = middle + half * np.isin(bench.joints, set_up.released)
-        targets = np.tile(pose, (len(time), 1))
+        position = np.tile(middle + half * np.isin(bench.joints, set_up.released), (len(time), 1))
+        sent = 0 * position if effort else position
     else:
-        targets = BATTERY[excitation](
+        sent = BATTERY[excitation](
             time,
-            lower=middle - half,
-            upper=middle + half,
+            lower=-most if effort else middle - np.minimum(half, most),
+            upper=most if effort else middle + np.minimum(half, most),
             rng=np.random.default_rng(_SEED),
-            max_velocity=np.array([a.velocity for a in at]),
+            max_velocity=None if effort else np.array([a.velocity for a in at]),
         )
+        position = np.tile(middle, (len(time), 1)) if effort else sent
     columns: dict[str, FloatArray] = {}
     for k, joint in enumerate(bench.joints):
         # Only the first sample of the positions is used: the start.
-        columns[f"{joint}/position"] = targets[:, k]
-        columns[f"{joint}/position_target"] = targets[:, k]
+        columns[f"{joint}/position"] = position[:, k]
+        columns[f"{joint}/{bench.takes}_target"] = sent[:, k]
     return Recording(name=excitation, time=time, columns=columns | _standing(bench, len(time)))
 
 

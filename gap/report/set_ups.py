@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from walkerkit.actuators.drive import TargetKind
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
@@ -61,7 +62,7 @@ class SetUp:
     @property
     def changes_robot(self) -> bool:
         """Whether its recording needs a model of its own."""
-        return self.trouble > 0 and not self.more_effort
+        return self.change is not _nothing
 
     def changed(self, robot: Robot) -> Robot:
         """The robot with the change in its model."""
@@ -78,7 +79,10 @@ def set_ups(
     efforts: bool,
     excitations: Sequence[str],
 ) -> tuple[SetUp, ...]:
-    """What can be done with a robot whose joints take position targets.
+    """What can be done with a robot whose joints all take position targets, or all effort.
+
+    Effort that is played to a joint which is free to go would carry it anywhere, so that joints
+    which take effort are let go or clamped.
 
     Args:
         robot: the robot.
@@ -88,8 +92,11 @@ def set_ups(
         excitations: names of all excitations, for the robot as it is.
 
     Returns:
-        The robot as it is first, then by how much trouble they are.
+        By how much trouble they are, the robot as it is first; none for a robot that can neither be
+        sent targets nor held.
     """
+    if takes(robot, joints) == "effort":
+        return _without_targets(robot, joints, excitations)
     found = [
         SetUp(
             name="as_it_is",
@@ -131,6 +138,7 @@ def set_ups(
                 instruction=(
                     f"Switch the drive{_plural(concerned)} of {_listed(concerned)} off. Hold the "
                     f"joint{_plural(concerned)} at the first target, start the log, and let go."
+                    f"{' The other joints hold theirs.' if len(concerned) < len(joints) else ''}"
                 ),
                 excitations=(RELEASE,),
                 trouble=2,
@@ -144,20 +152,69 @@ def set_ups(
             SetUp(
                 name="held_link",
                 instruction=f"Clamp the link behind joint {joint} where its first target is.",
-                excitations=tuple(name for name in ("steps", "chirp") if name in excitations),
+                excitations=_of_a_held_link(excitations),
                 trouble=3,
-                change=lambda trials: _clamp(trials, joint),
+                change=lambda trials: _clamp(trials, (joint,)),
                 held=(joint,),
             )
         )
     return tuple(found)
 
 
+def takes(robot: Robot, joints: Sequence[str]) -> TargetKind | None:
+    """What all of these joints can be sent, `position` before `effort`; None where they differ."""
+    of_each = [robot.joints[name] for name in joints]
+    if all(joint.drive("position") is not None for joint in of_each):
+        return "position"
+    if all(drive.kind == "effort" for joint in of_each for drive in joint.drives):
+        return "effort"
+    return None
+
+
 def held_amplitude(robot: Robot, joint: str) -> float:
     """How far the targets of a clamped joint may go, for an effort that it has made already."""
+    if takes(robot, (joint,)) == "effort":
+        return robot.excursion(joint).effort
     drive = robot.joints[joint].drive("position")
     stiffness = drive.stiffness if drive else 0.0
     return robot.excursion(joint).effort / stiffness if stiffness > 0 else 0.0
+
+
+def _without_targets(
+    robot: Robot, joints: Sequence[str], excitations: Sequence[str]
+) -> tuple[SetUp, ...]:
+    """What can be done with joints that take nothing but effort."""
+    if robot.base is not None or len(joints) > _HANDS:
+        return ()
+    held = tuple(joints)
+    s = _plural(joints)
+    return (
+        SetUp(
+            name="motor_off",
+            instruction=(
+                f"Switch the motor{s} of {_listed(joints)} off. Hold the joint{s} at the first "
+                "position, start the log, and let go."
+            ),
+            excitations=(RELEASE,),
+            trouble=2,
+            change=_nothing,
+            released=held,
+        ),
+        SetUp(
+            name="held_link",
+            instruction=(
+                f"Clamp the link{s} behind joint{s} {_listed(joints)} at the first position."
+            ),
+            excitations=_of_a_held_link(excitations),
+            trouble=3,
+            change=lambda trials: _clamp(trials, held),
+            held=held,
+        ),
+    )
+
+
+def _of_a_held_link(excitations: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for name in ("steps", "chirp") if name in excitations)
 
 
 def _nothing(trials: Trials) -> None:
@@ -214,8 +271,9 @@ def _switch_off(trials: Trials, joints: Sequence[str]) -> None:
             trials.field("actuator_biasprm")[:, drive.actuator] = 0.0
 
 
-def _clamp(trials: Trials, joint: str) -> None:
-    trials.field("dof_armature")[:, trials.robot.joints[joint].dof] += _CLAMPED
+def _clamp(trials: Trials, joints: Sequence[str]) -> None:
+    for name in joints:
+        trials.field("dof_armature")[:, trials.robot.joints[name].dof] += _CLAMPED
 
 
 def _round(value: float) -> float:

@@ -259,8 +259,8 @@ def advice(diagnosis: Diagnosis) -> str:
         if not doubts(diagnosis):
             return ""
         return (
-            "The battery, of position targets, has no experiment that is predicted to tell them "
-            "apart with the signals that were logged."
+            "No experiment of the battery that this robot can be put through is predicted to tell "
+            "them apart with the signals that were logged."
         )
     between = listed([label(name) for name in wanted.between])
     return (
@@ -274,7 +274,7 @@ def _task(wanted: NextExperiment) -> str:
     sent = label(wanted.file) if wanted.file else "the targets"
     play = f"Send {sent} to the robot (the excitation {label(wanted.excitation)})"
     if wanted.excitation == RELEASE:
-        play = f"The first row of {sent} is the pose to let go from; the other joints hold theirs"
+        play = f"The first row of {sent} is the pose to let go from"
     ends = "and diagnose again with the old recordings and the new one"
     if wanted.model:
         ends += (

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -39,7 +40,6 @@ SERVO = """
   <actuator><position joint="knee" kp="30" kv="1"/></actuator>
 </mujoco>
 """
-MOTOR = SERVO.replace('position joint="knee" kp="30" kv="1"', 'motor joint="knee"')
 
 
 @pytest.fixture(scope="module")
@@ -170,11 +170,65 @@ def test_a_member_that_diverges_parts_nothing(servo: Problem) -> None:
     assert planned is None or np.isfinite(planned.experiment.separation)
 
 
-def test_there_is_none_for_joints_without_position_targets(tmp_path: Path) -> None:
-    (tmp_path / "motor.xml").write_text(MOTOR)
-    time = np.arange(0.0, 2.0, 0.004)
-    columns = {"knee/position": 0.1 * np.sin(5 * time), "knee/effort_target": np.sin(5 * time)}
+def driven(folder: Path, kind: str) -> Problem:
+    """An arm whose motor takes `kind` targets; its joint is damped by 0.05 more than modelled."""
+    text = SERVO.replace('position joint="knee" kp="30" kv="1"', kind)
+    (folder / "arm.xml").write_text(text)
+    model = mujoco.MjModel.from_xml_string(text)
+    model.dof_damping[:] += 0.05
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    rows = []
+    for _ in range(1000):
+        data.ctrl[:] = 0.5 * np.sin(5 * data.time)
+        position = data.qpos[0] + 1e-4 * rng.standard_normal()
+        effort = data.ctrl[0] + 1e-2 * rng.standard_normal()
+        rows.append((data.time, position, effort, data.ctrl[0]))
+        mujoco.mj_step(model, data)
+    time, position, effort, sent = np.array(rows).T
+    target = "velocity_target" if kind.startswith("velocity") else "effort_target"
+    columns = {"knee/position": position, "knee/effort": effort, f"knee/{target}": sent}
     log = Recording(name="log", time=time, columns=columns)
-    driven = problem(tmp_path / "motor.xml", [log])
-    members = [member(driven, "viscous_friction", 0.2), member(driven, "viscous_friction", 0.1)]
-    assert next_experiment(driven, members) is None
+    return problem(folder / "arm.xml", [log])
+
+
+def test_a_motor_that_takes_effort_is_switched_off_to_tell_its_joint_s_frictions(
+    tmp_path: Path,
+) -> None:
+    motor = driven(tmp_path, 'motor joint="knee"')
+    members = [member(motor, "viscous_friction", 0.05), member(motor, "coulomb_friction", 0.05)]
+    planned = next_experiment(motor, members)
+    assert planned is not None
+    experiment, columns = planned.experiment, planned.targets.columns
+    assert (experiment.excitation, experiment.set_up) == ("release", "motor_off")
+    assert experiment.instruction == (
+        "Switch the motor of knee off. Hold the joint at the first position, start the log, and "
+        "let go."
+    )
+    # It hangs as its model has it: nothing is sent, and from where it has been.
+    assert (experiment.model, planned.robot) == (None, None)
+    assert set(columns) == {"knee/position", "knee/effort_target"}
+    assert not columns["knee/effort_target"].any()
+    assert 0.1 < columns["knee/position"][0] < 1.5
+
+
+def test_what_a_motor_makes_of_its_command_shows_against_a_clamp(tmp_path: Path) -> None:
+    motor = driven(tmp_path, 'motor joint="knee"')
+    members = [member(motor, "effort_limit", 0.45), member(motor, "effort_limit", 0.3)]
+    planned = next_experiment(motor, members)
+    assert planned is not None
+    experiment, columns = planned.experiment, planned.targets.columns
+    assert experiment.set_up == "held_link"
+    assert experiment.instruction == "Clamp the link behind joint knee at the first position."
+    assert experiment.excitation in ("steps", "chirp")
+    # What the motor has made already, and no more.
+    assert 0.2 < np.abs(columns["knee/effort_target"]).max() <= 0.52
+    assert np.ptp(columns["knee/position"]) == 0
+    assert planned.robot is not None
+    assert planned.robot.model.dof_armature[0] > 1e6
+
+
+def test_there_is_none_for_joints_that_take_velocities(tmp_path: Path) -> None:
+    wheel = driven(tmp_path, 'velocity joint="knee" kv="1"')
+    members = [member(wheel, "viscous_friction", 0.2), member(wheel, "viscous_friction", 0.1)]
+    assert next_experiment(wheel, members) is None

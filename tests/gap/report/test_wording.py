@@ -110,7 +110,7 @@ def test_no_next_experiment_is_told_where_one_is_wanted(
 ) -> None:
     assert wording.advice(leg()) == ""
     none = wording.advice(replace(confused, next_experiment=None))
-    assert none.startswith("The battery, of position targets, has no experiment")
+    assert none.startswith("No experiment of the battery")
 
 
 def test_a_changed_set_up_is_an_instruction_with_a_model_of_its_own(confused: Diagnosis) -> None:
