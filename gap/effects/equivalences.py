@@ -29,7 +29,7 @@ class Equivalence:
     """Two effects that make the same log.
 
     Attributes:
-        effects: their names.
+        effects: their names; with `beside`, the second is the first and that one together.
         parted_by: signals that tell them apart where one of them is recorded.
         holds: whether they are equivalent at some joints of a robot.
         usual: they are on most robots, and count as equivalent where no robot is given.
@@ -74,6 +74,26 @@ def equivalences(
         (other,) = (name for name in entry.effects if name != effect)
         if entry.usual if robot is None else entry.holds(robot, joints):
             found[other] = entry.reason
+    return found
+
+
+def spelled_out(effect: str, *, beside: Collection[str] = ()) -> dict[tuple[str, str], str]:
+    """The pairs of effects that together leave the same log as one.
+
+    Args:
+        effect: its name in the catalogue.
+        beside: the other effects that explain the recordings; a pair with one of them is none.
+
+    Returns:
+        Names of each pair to the reason, a sentence.
+    """
+    found = {}
+    for entry in _TABLE:
+        part, whole = entry.effects
+        if whole == effect and entry.beside is not None:
+            first, second = sorted((part, entry.beside))
+            if first not in beside and second not in beside:
+                found[first, second] = entry.reason
     return found
 
 

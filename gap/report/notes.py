@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.effects.equivalences import spelled_out
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
 from walkerkit.gap.report.quantity import quantity
@@ -47,8 +48,14 @@ def notes(
     wholes = {recording.whole.name for recording in seen.values()}
     for error in named_errors([*seen.values()]):
         yield error.sentence(wholes <= {*error.recordings})
+    every = {named.effect for named in effects}
     for named in effects:
         yield from _of_effect(named)
+        for pair, reason in spelled_out(named.effect, beside=every).items():
+            yield (
+                f"{named.effect} is the shorter name for {' and '.join(pair)} together, which "
+                f"leave the same log. {reason}"
+            )
     for names in stand_ins:
         yield (
             f"{', '.join(names[:-1])} and {names[-1]} may together stand in for one that the "

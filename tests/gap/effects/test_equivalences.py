@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.effects.equivalences import _TABLE, equivalences
+from walkerkit.gap.effects.equivalences import _TABLE, equivalences, spelled_out
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.simulation.replay import Channel, Replay
@@ -52,29 +52,47 @@ def arm(joint=SWINGING, kv=1):
     return robot_from_spec(mujoco.MjSpec.from_string(ARM.format(joint=joint, kv=kv)), "arm.xml")
 
 
-def logs(robot, effect, values):
-    """What a planted effect leaves in the log, (rows, channels): position, velocity, effort."""
+# One effect, and the two that are the same together.
+SPELLED_OUT = {
+    "asymmetric_friction": (
+        (0.5, 0.2),
+        {"coulomb_friction": (0.35,), "torque_bias": (-0.15,)},
+    ),
+    "directional_efficiency": (
+        (0.8, 1.1),
+        {"load_dependent_friction": (0.15 / 0.95,), "torque_constant": (-0.05,)},
+    ),
+}
+
+
+def logs(robot, planted):
+    """What planted effects leave in the log, (rows, channels): position, velocity, effort."""
     time = np.arange(0.0, 3.0, 0.002)
     target = 0.4 * np.sin(4 * time + time**2) * (time > 0.3)
     columns = {"knee/position": 0 * time, "knee/position_target": target}
     log = Recording(name="log", time=time, columns=columns)
     replay = Replay(robot, whole(log), CHANNELS, n_threads=1)
     trials = Trials(robot, 1)
-    if effect:
+    for effect, values in planted.items():
         site = CATALOGUE[effect].sites(robot, ["knee"])[0]
         CATALOGUE[effect].apply(trials, site, np.array([values]))
     # Gravity pulls at once, also on a robot that is said to rest where it would not.
     return replay.predict(trials)[0][time > 1.5]
 
 
+def apart_by(robot, first, second):
+    """What parts two robots, of what the effects of the first one change, (channels,)."""
+    plain, one, other = (logs(robot, planted) for planted in ({}, first, second))
+    size = np.sqrt(np.mean((one - plain) ** 2, axis=0))
+    return np.sqrt(np.mean((one - other) ** 2, axis=0)) / np.maximum(size, 1e-9)
+
+
 @pytest.mark.parametrize("pair", CASES, ids=" ".join)
 def test_equivalent_effects_leave_the_same_log(pair):
     joint, kv, *values = CASES[pair]
     robot = arm(joint, kv)
-    plain = logs(robot, None, ())
-    first, second = (logs(robot, effect, v) for effect, v in zip(pair, values, strict=True))
-    size = np.sqrt(np.mean((first - plain) ** 2, axis=0))
-    difference = np.sqrt(np.mean((first - second) ** 2, axis=0)) / np.maximum(size, 1e-9)
+    first, second = ({effect: v} for effect, v in zip(pair, values, strict=True))
+    difference = apart_by(robot, first, second)
     (entry,) = (entry for entry in _TABLE if entry.effects == pair and entry.beside is None)
     for channel, apart in zip(CHANNELS, difference, strict=True):
         if channel.signal in entry.parted_by:
@@ -127,3 +145,19 @@ def test_a_bias_beside_dry_friction_is_friction_of_two_sizes():
     assert equivalences("torque_bias", ["position", "effort"]) == {}
     beside = equivalences("torque_bias", ["position", "effort"], beside=["coulomb_friction"])
     assert set(beside) == {"asymmetric_friction"}
+
+
+@pytest.mark.parametrize("effect", SPELLED_OUT)
+def test_two_effects_that_one_is_the_shorter_name_for(effect):
+    values, pair = SPELLED_OUT[effect]
+    assert apart_by(arm(), {effect: values}, pair).max() < 0.02
+    ((names, reason),) = spelled_out(effect).items()
+    assert set(names) == set(pair)
+    assert reason.endswith(".")
+    # With one of the two named, the other is not a pair's but its own.
+    assert spelled_out(effect, beside=[names[0]]) == {}
+    assert all(spelled_out(name) == {} for name in names)
+
+
+def test_every_pair_that_one_effect_is_the_name_for_is_simulated():
+    assert {e.effects[1] for e in _TABLE if e.beside is not None} == set(SPELLED_OUT)
