@@ -41,7 +41,7 @@ from walkerkit.gap.search.structure import Fit, Structure, Term, candidate_terms
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
-from walkerkit.gap.workflow import WINDOW, prepare
+from walkerkit.gap.workflow import WINDOW, check_effects, prepare
 
 FloatArray = NDArray[np.float64]
 
@@ -230,11 +230,7 @@ def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -
 
 
 def _term(problem: Problem, name: str, sites: Sequence[str] | str) -> Term:
-    if name not in CATALOGUE:
-        raise InputError(
-            f"effect {name!r} is not in the catalogue{closest(name, CATALOGUE)}: "
-            f"{', '.join(CATALOGUE)}."
-        )
+    check_effects([name])
     possible = candidate_terms([CATALOGUE[name]], problem.robots, problem.joints)
     everywhere = possible[0].sites if possible else ()
     wanted = (sites,) if isinstance(sites, str) else tuple(sites)

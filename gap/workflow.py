@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.blas import on_one_thread
 from walkerkit.gap.effects import CATALOGUE, Effect
-from walkerkit.gap.errors import InputError
+from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings import base
 from walkerkit.gap.recordings.checks import (
     check_recordings,
@@ -326,7 +326,10 @@ def check_effects(names: Sequence[str] | None) -> None:
     """Raises InputError where one of the names is not in the catalogue."""
     for name in names or ():
         if name not in CATALOGUE:
-            raise InputError(f"effect {name!r} is not in the catalogue: {', '.join(CATALOGUE)}.")
+            raise InputError(
+                f"effect {name!r} is not in the catalogue{closest(name, CATALOGUE)}: "
+                f"{', '.join(CATALOGUE)}."
+            )
 
 
 def _effects(names: Sequence[str] | None) -> list[Effect]:

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.errors import InputError
+from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
@@ -70,7 +70,8 @@ def rehearse(
     for name in names:
         if name not in HIDEABLE:
             raise InputError(
-                f"effect {name!r} cannot be hidden; choose from none, {', '.join(HIDEABLE)}."
+                f"effect {name!r} cannot be hidden{closest(name, HIDEABLE)}; choose from none, "
+                f"{', '.join(HIDEABLE)}."
             )
     if not 1 <= seconds <= LONGEST:
         raise InputError(

@@ -12,6 +12,7 @@ from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.search.problem import Problem
 
 _UNSURE = 0.9
+_BRIEF = 2.0  # s
 
 
 def warning_notes(warned: Mapping[str, int]) -> tuple[str, ...]:
@@ -92,6 +93,13 @@ def notes(
             "than the noise; effects were judged with that error taken out. At a quarter of the "
             f"timestep the position error is {before}"
             + (f" before and {after} after." if effects else ".")
+        )
+    seconds = sum(r.whole.duration for r in {r.whole.name: r for r in seen.values()}.values())
+    if seconds < _BRIEF:
+        yield (
+            f"All recordings together last {seconds:.2g} s, in which few effects show: neither a "
+            "name nor that nothing is missing holds beyond them. Record some ten seconds of each "
+            "kind of motion."
         )
     if problem.hold == "linear":
         yield (

@@ -434,8 +434,25 @@ def test_only_the_effects_asked_for_are_considered(
     assert found.verdict == "unexplained"
     found = diagnose(servo, recordings, effects=["armature", "viscous_friction"])
     assert [named.effect for named in found.effects] == ["viscous_friction"]
-    with pytest.raises(InputError, match="'stiction' is not in the catalogue"):
-        diagnose(servo, recordings, effects=["stiction"])
+    with pytest.raises(InputError, match=r"'armatur' .* catalogue \(did you mean 'armature'"):
+        diagnose(servo, recordings, effects=["armatur"])
+
+
+@pytest.mark.parametrize(("rows", "short"), [(150, True), (200, False)])
+def test_what_short_recordings_say_is_said_with_reserve(
+    servo: Path, logs: Callable[..., list[Recording]], rows: int, short: bool
+) -> None:
+    recordings = [
+        Recording(
+            name=log.name,
+            time=log.time[:rows],
+            columns={name: column[:rows] for name, column in log.columns.items()},
+        )
+        for log in logs()
+    ]
+    told = [note for note in workflow.compare(servo, recordings).notes if "together last" in note]
+    assert bool(told) is short
+    assert all("last 1.8 s" in note for note in told)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])

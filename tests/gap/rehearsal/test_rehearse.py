@@ -109,7 +109,7 @@ def test_several_effects_can_be_hidden_at_once(arm: Path) -> None:
 
 
 def test_what_cannot_be_rehearsed_is_refused(arm: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="'timestep' cannot be hidden; choose from none, viscous"):
+    with pytest.raises(InputError, match=r"'timestep' cannot be hidden.*choose from none, viscous"):
         rehearse(arm, ["timestep"])
     for seconds in (0.0, 0.99, -1.0, float("nan"), float("inf"), 1.01 * LONGEST):
         with pytest.raises(InputError, match=f"seconds is {seconds:g}"):
