@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.certainty import certainty
@@ -22,8 +23,10 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.slopes import linearised
-from walkerkit.gap.search.structure import Fit, candidate_terms, carried, merged
-from walkerkit.gap.search.worth import much_is_lost, worth_it
+from walkerkit.gap.search.structure import Fit, Term, candidate_terms, carried, merged
+from walkerkit.gap.search.worth import much_is_lost, much_is_lost_at_a_joint, worth_it
+
+FloatArray = NDArray[np.float64]
 
 _AT_FLOOR = 1.15  # gaps within this factor of the noise leave nothing to explain
 _BLURRED = 1.4  # as far as numerical errors raise that noise, at most
@@ -54,6 +57,21 @@ def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
         problem.refine(better)
         current, base = better, weigh(problem, [better])
     return current, base
+
+
+def settled_where_certain(
+    problem: Problem, current: Fit, effects: Sequence[Effect]
+) -> tuple[Fit, Evidence]:
+    """The same without what is no longer certain in that light.
+
+    Args:
+        problem: what is to be explained.
+        current: the fit.
+        effects: the catalogue.
+    """
+    current, base = settled(problem, current)
+    certain = _without_the_uncertain(problem, current, effects)
+    return (current, base) if certain is current else settled(problem, certain)
 
 
 def over_whole(problem: Problem, current: Fit) -> Fit | None:
@@ -155,21 +173,23 @@ def _without_the_needless(problem: Problem, current: Fit) -> Fit:
 
 
 def _without_the_uncertain(problem: Problem, current: Fit, effects: Sequence[Effect]) -> Fit:
-    """The fit of several effects without those none of whose values is known to be there.
+    """The fit without effects and places none of whose values is known to be there.
 
     Two effects that can do the same leave each other's values open, though something of them is
     there: one of them becomes an effect that it generalises, where that explains as much.
     """
-    while len(current.structure.terms) > 1:
+    while current.structure.terms:
         (one,) = evaluate(problem.fit.objective, [(current.structure, current.values)])
         objective, part = problem.fit.objective, problem.screen.objective
         sure = certainty(objective, one, problem.noise, part)
-        known = {}
-        for term in one.structure.terms:
-            if term.effect.fitted:
-                own = sure[one.structure.columns(term)]
-                felt = own[np.isfinite(own)]
-                known[term] = float(max(felt if felt.size else own))
+        fitted = [term for term in one.structure.terms if term.effect.fitted]
+        known = {term: _most(sure[one.structure.columns(term)]) for term in fitted}
+        smaller = _at_certain_places(
+            problem, one, sure, [t for t in fitted if known[t] >= _CERTAIN]
+        )
+        if smaller is not None:
+            current = smaller
+            continue
         least = min(known, key=known.__getitem__, default=None)
         if least is None or known[least] >= _CERTAIN:
             break
@@ -183,6 +203,27 @@ def _without_the_uncertain(problem: Problem, current: Fit, effects: Sequence[Eff
             break
         current = plainer or smaller
     return current
+
+
+def _at_certain_places(
+    problem: Problem, one: Fit, sure: FloatArray, terms: Sequence[Term]
+) -> Fit | None:
+    """The fit with some of its terms only where they are known to be; None where much is lost."""
+    structure = one.structure
+    for term in terms:
+        certain = [s for s in term.places if _most(sure[structure.columns(term, s)]) >= _CERTAIN]
+        if len(certain) < len(term.places):
+            fewer = structure.replaced(term, replace(term, sites=tuple(certain)))
+            (smaller,) = refit(problem, one, [fewer])
+            if not much_is_lost_at_a_joint(problem, weigh(problem, [smaller, one]), 1):
+                return smaller
+    return None
+
+
+def _most(sure: FloatArray) -> float:
+    """The most certain of some values; one that is not felt counts only where none is."""
+    felt = sure[np.isfinite(sure)]
+    return float(max(felt if felt.size else sure))
 
 
 def _in_plainer_terms(problem: Problem, current: Fit, effects: Sequence[Effect]) -> Fit | None:

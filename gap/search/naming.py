@@ -19,7 +19,13 @@ from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.contest import Contest, contests, plainer, size_of
 from walkerkit.gap.search.evidence import Evidence, weigh, weigh_as_told
 from walkerkit.gap.search.fit import Progress, evaluate
-from walkerkit.gap.search.keeping import finalists, kept, over_whole, settled
+from walkerkit.gap.search.keeping import (
+    finalists,
+    kept,
+    over_whole,
+    settled,
+    settled_where_certain,
+)
 from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms
@@ -172,9 +178,10 @@ def _grown(
         added = fits[winner].structure.terms[len(current.structure.terms) :]
         found = kept(problem, fits[winner], [term.effect for term in added], tries.effects)
         if not tries.known(found.structure):
-            found, own = settled(problem, found)
+            found, own = settled_where_certain(problem, found, tries.effects)
             effects = len(found.structure.terms)
-            if worth_it(problem, Evidence.joined([base, own]), 1, effects=effects):
+            both = Evidence.joined([base, own])
+            if not tries.known(found.structure) and worth_it(problem, both, 1, effects=effects):
                 return found, own
         # What was added does not hold, or not where it is needed.
         open_to.remove(winner)
@@ -194,7 +201,8 @@ def _exchanged(
     for better in sorted(every, key=lambda one: one.score):
         known = better.than.structure.terms
         added = [term.effect for term in better.fit.structure.terms if term not in known]
-        found, evidence = settled(problem, kept(problem, better.fit, added, tries.effects))
+        found = kept(problem, better.fit, added, tries.effects)
+        found, evidence = settled_where_certain(problem, found, tries.effects)
         both = Evidence.joined([base, evidence])
         if (
             both.both[1] < both.both[0]

@@ -67,7 +67,7 @@ def places_needed(problem: Problem, full: Fit, term: Term) -> Fit:
             break
         # Some of them are needed.
         without = [_without(term, [site]) for site in doubtful]
-        others = [_replaced(full.structure, term, t) for t in without]
+        others = [full.structure.replaced(term, t) for t in without]
         fits = refit(problem, full, others, slopes)
         evidence = weigh(problem, [full, *fits])
         needless = [k for k in range(len(fits)) if not worth_it(problem, evidence, 0, base=k + 1)]
@@ -90,7 +90,7 @@ def _losses(problem: Problem, full: Fit, term: Term, slopes: Slopes) -> dict[str
     """
     objective, structure = problem.race.objective, full.structure
     lost = losses(objective, full, slopes)
-    smaller = [_replaced(structure, term, _without(term, [site])) for site in term.places]
+    smaller = [structure.replaced(term, _without(term, [site])) for site in term.places]
     now, *without = evaluate(
         objective,
         [(one, carried(full.values, structure, one)) for one in (structure, *smaller)],
@@ -105,7 +105,7 @@ def _dropped(
     problem: Problem, full: Fit, term: Term, sites: Sequence[str], slopes: Slopes
 ) -> tuple[Term, Fit]:
     smaller = _without(term, sites)
-    (found,) = refit(problem, full, [_replaced(full.structure, term, smaller)], slopes)
+    (found,) = refit(problem, full, [full.structure.replaced(term, smaller)], slopes)
     return smaller, found
 
 
@@ -116,8 +116,3 @@ def _spared(problem: Problem, full: Fit, smaller: Fit) -> bool:
 
 def _without(term: Term, sites: Sequence[str]) -> Term:
     return replace(term, sites=tuple(site for site in term.sites if site not in sites))
-
-
-def _replaced(structure: Structure, old: Term, new: Term) -> Structure:
-    terms = tuple(new if term is old else term for term in structure.terms)
-    return Structure(terms, structure.robots)

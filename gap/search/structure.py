@@ -127,6 +127,10 @@ class Structure:
         """The structure without one of its terms."""
         return Structure(tuple(t for t in self.terms if t is not term), self.robots)
 
+    def replaced(self, old: Term, new: Term) -> Structure:
+        """The structure with another term in place of one of its terms."""
+        return Structure(tuple(new if t is old else t for t in self.terms), self.robots)
+
     def columns(self, term: Term, place: str | None = None) -> NDArray[np.int64]:
         """Indices of the values of a term, or of a term at one of its places."""
         return np.array(

@@ -62,6 +62,15 @@ def much_is_lost(evidence: Evidence, k: int, base: int = 0) -> bool:
     return bool(evidence.both[base] - evidence.both[k] >= _LARGE)
 
 
+def much_is_lost_at_a_joint(problem: Problem, evidence: Evidence, k: int, base: int = 0) -> bool:
+    """The same of the joint that loses most, however many others there are."""
+    held, fitted = (
+        np.array(_by_joint(problem, sizes[base], sizes[k]))
+        for sizes in (evidence.mean_square, evidence.fitted_mean_square)
+    )
+    return bool(np.max(0.5 * (held + fitted)) >= _LARGE)
+
+
 def one_sided(problem: Problem, evidence: Evidence) -> bool:
     """Whether only one half of the recordings shows something that fit 0 does not explain.
 

@@ -86,6 +86,19 @@ def test_a_measurement_ahead_of_its_target_is_told() -> None:
     assert "out of step" in note
 
 
+@pytest.mark.parametrize(("leading", "told"), [(1, 0), (3, 3)])
+def test_a_joint_that_the_others_move_is_not_out_of_step(leading: int, told: int) -> None:
+    standing = {f"base/quaternion_{axis}": 0 * TIME + (axis == "w") for axis in "wxyz"}
+    for k, joint in enumerate(("hip", "thigh", "calf")):
+        target = late(TARGET, 20) if k < leading else TARGET
+        standing |= {f"{joint}/position": noisy(TARGET), f"{joint}/position_target": target}
+    notes = tidied(Recording(name="log", time=TIME, columns=standing)).notes
+    assert sum("out of step" in note for note in notes) == told
+    fixed = {name: column for name, column in standing.items() if "base/" not in name}
+    notes = tidied(Recording(name="log", time=TIME, columns=fixed)).notes
+    assert sum("out of step" in note for note in notes) == leading
+
+
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("end", [1e9, 1e300])
 def test_a_log_that_is_mostly_a_gap_is_looked_at_all_the_same(end: float) -> None:
