@@ -1,0 +1,45 @@
+"""What stays of the effects that were added: what is known to be there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.gap.search.test_naming import LEG, hide, problem_of
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.keeping import settled_where_certain
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Structure, Term
+
+DAMPED = Term(effect=CATALOGUE["viscous_friction"], sites=("knee", "ankle"), shared=False)
+ROTOR = Term(effect=CATALOGUE["armature"], sites=("ankle",), shared=False)
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    """A leg whose knee is damped."""
+    path = tmp_path_factory.mktemp("leg") / "leg.xml"
+    path.write_text(LEG, encoding="utf-8")
+    return problem_of(path, [hide("viscous_friction", "knee", damping=0.3)])
+
+
+@pytest.mark.parametrize(
+    ("terms", "values", "places"),
+    [
+        ((DAMPED,), [0.3, 0.001], {"viscous_friction": ("knee",)}),
+        ((DAMPED, ROTOR), [0.3, 0.0, 1e-5], {"viscous_friction": ("knee",)}),
+        ((ROTOR,), [1e-5], {}),
+    ],
+    ids=["a place", "one of two", "the only one"],
+)
+def test_what_is_not_known_to_be_there_goes(
+    problem: Problem, terms: tuple[Term, ...], values: list[float], places: dict[str, object]
+) -> None:
+    structure = Structure(terms, problem.robots)
+    (full,) = evaluate(problem.fit.objective, [(structure, np.array(values))])
+    found, evidence = settled_where_certain(problem, full, [*CATALOGUE.values()])
+    assert {term.effect.name: term.sites for term in found.structure.terms} == places
+    assert len(evidence.both) == 1
+    if places:
+        assert found.values[0] == pytest.approx(0.3, rel=0.05)
