@@ -80,7 +80,10 @@ def next_experiment(problem: Problem, members: Sequence[Fit]) -> Plan | None:
         The experiment; None where there is none for such a robot, or none parts the members.
     """
     robot = problem.robots[0]
-    if len(members) < 2 or takes(robot, problem.joints) is None:
+    takeable = takes(robot, problem.joints)
+    if len(members) < 2 or takeable is None:
+        return None
+    if takeable == "effort" and not all(is_driven(problem, joint) for joint in problem.joints):
         return None
     tried: list[_Choice] = []
     for alike in _choices(_Bench(problem, members)):
@@ -248,14 +251,25 @@ def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Reco
     return Recording(name=excitation, time=time, columns=columns | _standing(bench, len(time)))
 
 
+def is_driven(problem: Problem, joint: str) -> bool:
+    """Whether a joint has a drive, or was sent effort that the model has no actuator for."""
+    return bool(problem.robots[0].joints[joint].drives) or any(
+        recording.signal(joint, "effort_target") is not None for recording in _recordings(problem)
+    )
+
+
+def _recordings(problem: Problem) -> Iterator[Recording]:
+    """Those of the first robot."""
+    return (r for half in (problem.fit, problem.held) for r in half.recordings[0])
+
+
 def _standing(bench: _Bench, n: int) -> dict[str, FloatArray]:
     """The base where it first stood in the recordings, for a robot that floats."""
     if bench.robot.base is None:
         return {}
-    recordings = (r for half in (bench.problem.fit, bench.problem.held) for r in half.recordings[0])
     return {
         name: np.full(n, column[0])
-        for recording in list(recordings)[:1]
+        for recording in list(_recordings(bench.problem))[:1]
         for name, column in recording.columns.items()
         if name.startswith("base/") and "velocity" not in name
     }

@@ -170,9 +170,12 @@ def test_a_member_that_diverges_parts_nothing(servo: Problem) -> None:
     assert planned is None or np.isfinite(planned.experiment.separation)
 
 
+DRIVE = '<position joint="knee" kp="30" kv="1"/>'
+
+
 def driven(folder: Path, kind: str) -> Problem:
     """An arm whose motor takes `kind` targets; its joint is damped by 0.05 more than modelled."""
-    text = SERVO.replace('position joint="knee" kp="30" kv="1"', kind)
+    text = SERVO.replace(DRIVE, f"<{kind}/>")
     (folder / "arm.xml").write_text(text)
     model = mujoco.MjModel.from_xml_string(text)
     model.dof_damping[:] += 0.05
@@ -232,3 +235,22 @@ def test_there_is_none_for_joints_that_take_velocities(tmp_path: Path) -> None:
     wheel = driven(tmp_path, 'velocity joint="knee" kv="1"')
     members = [member(wheel, "viscous_friction", 0.2), member(wheel, "viscous_friction", 0.1)]
     assert next_experiment(wheel, members) is None
+
+
+@pytest.mark.parametrize("pushed", [False, True])
+def test_a_joint_that_nothing_drives_has_no_motor_to_switch_off(
+    tmp_path: Path, pushed: bool
+) -> None:
+    hanging = '<body pos="0 0 -0.25"><joint name="ankle" axis="0 1 0"/><geom size="0.03"/></body>'
+    text = SERVO.replace(DRIVE, '<motor joint="knee"/>')
+    (tmp_path / "two.xml").write_text(text.replace("</body>", f"{hanging}</body>"))
+    time = np.arange(0.0, 2.0, 0.004)
+    columns = {f"{joint}/position": 0.3 * np.cos(5 * time) for joint in ("knee", "ankle")}
+    sent = ("knee", "ankle") if pushed else ("knee",)
+    columns |= {f"{joint}/effort_target": np.sin(5 * time) for joint in sent}
+    two = problem(tmp_path / "two.xml", [Recording(name="log", time=time, columns=columns)])
+    assert planner.is_driven(two, "knee")
+    assert planner.is_driven(two, "ankle") is pushed
+    if not pushed:
+        members = [member(two, "viscous_friction", 0.2), member(two, "viscous_friction", 0.1)]
+        assert next_experiment(two, members) is None
