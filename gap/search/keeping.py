@@ -35,7 +35,7 @@ _PASSES = 2  # of fitting and finding the numerical error again
 _LEAPS = 3  # after each of which the numerical error is another
 _SETTLED = 0.05  # of a parameter's scale
 _AS_GOOD = 0.02  # of a score
-_CERTAIN = 2.0  # standard errors from where a value leaves the robot unchanged
+_CERTAIN, _OF_KNOWN_SIGN = 2.0, 1.0  # standard errors from where a value changes nothing
 
 
 def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
@@ -59,19 +59,20 @@ def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
     return current, base
 
 
-def settled_where_certain(
-    problem: Problem, current: Fit, effects: Sequence[Effect]
-) -> tuple[Fit, Evidence]:
-    """The same without what is no longer certain in that light.
+def where_certain(problem: Problem, current: Fit, effects: Sequence[Effect]) -> Fit:
+    """The fit without effects and places none of whose values is known to be there.
+
+    That can be said only of a whole explanation: what one still lacks pulls its values.
 
     Args:
         problem: what is to be explained.
-        current: the fit.
+        current: the fit, which is settled.
         effects: the catalogue.
+
+    Returns:
+        The same fit where nothing is to go; otherwise one that is to be settled again.
     """
-    current, base = settled(problem, current)
-    certain = _without_the_uncertain(problem, current, effects)
-    return (current, base) if certain is current else settled(problem, certain)
+    return _without_the_uncertain(problem, current, effects, whole=True)
 
 
 def over_whole(problem: Problem, current: Fit) -> Fit | None:
@@ -172,24 +173,27 @@ def _without_the_needless(problem: Problem, current: Fit) -> Fit:
     return current
 
 
-def _without_the_uncertain(problem: Problem, current: Fit, effects: Sequence[Effect]) -> Fit:
-    """The fit without effects and places none of whose values is known to be there.
+def _without_the_uncertain(
+    problem: Problem, current: Fit, effects: Sequence[Effect], *, whole: bool = False
+) -> Fit:
+    """The fit without effects none of whose values is known to be there, of several that it has.
 
     Two effects that can do the same leave each other's values open, though something of them is
-    there: one of them becomes an effect that it generalises, where that explains as much.
+    there: one of them becomes an effect that it generalises, where that explains as much. Where
+    the explanation is whole, places and the last effect go as well.
     """
-    while current.structure.terms:
+    while len(current.structure.terms) > (0 if whole else 1):
         (one,) = evaluate(problem.fit.objective, [(current.structure, current.values)])
         objective, part = problem.fit.objective, problem.screen.objective
         sure = certainty(objective, one, problem.noise, part)
         fitted = [term for term in one.structure.terms if term.effect.fitted]
         known = {term: _most(sure[one.structure.columns(term)]) for term in fitted}
-        smaller = _at_certain_places(
-            problem, one, sure, [t for t in fitted if known[t] >= _CERTAIN]
-        )
-        if smaller is not None:
-            current = smaller
-            continue
+        if whole:
+            there = [term for term in fitted if known[term] >= _CERTAIN]
+            smaller = _at_certain_places(problem, one, sure, there)
+            if smaller is not None:
+                current = smaller
+                continue
         least = min(known, key=known.__getitem__, default=None)
         if least is None or known[least] >= _CERTAIN:
             break
@@ -208,15 +212,21 @@ def _without_the_uncertain(problem: Problem, current: Fit, effects: Sequence[Eff
 def _at_certain_places(
     problem: Problem, one: Fit, sure: FloatArray, terms: Sequence[Term]
 ) -> Fit | None:
-    """The fit with some of its terms only where they are known to be; None where much is lost."""
+    """The fit with some of its terms only where they are known to be, or None.
+
+    A place that is doubtful stays where it is worth it; one of which not even the direction is
+    known stays only where much is lost without it.
+    """
     structure = one.structure
     for term in terms:
-        certain = [s for s in term.places if _most(sure[structure.columns(term, s)]) >= _CERTAIN]
-        if len(certain) < len(term.places):
-            fewer = structure.replaced(term, replace(term, sites=tuple(certain)))
-            (smaller,) = refit(problem, one, [fewer])
-            if not much_is_lost_at_a_joint(problem, weigh(problem, [smaller, one]), 1):
-                return smaller
+        known = [_most(sure[structure.columns(term, site)]) for site in term.places]
+        for least, needed in (_CERTAIN, worth_it), (_OF_KNOWN_SIGN, much_is_lost_at_a_joint):
+            certain = tuple(s for s, k in zip(term.places, known, strict=True) if k >= least)
+            if len(certain) < len(term.places):
+                fewer = structure.replaced(term, replace(term, sites=certain))
+                (smaller,) = refit(problem, one, [fewer])
+                if not needed(problem, weigh(problem, [smaller, one]), 1):
+                    return smaller
     return None
 
 

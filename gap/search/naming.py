@@ -19,13 +19,7 @@ from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.contest import Contest, contests, plainer, size_of
 from walkerkit.gap.search.evidence import Evidence, weigh, weigh_as_told
 from walkerkit.gap.search.fit import Progress, evaluate
-from walkerkit.gap.search.keeping import (
-    finalists,
-    kept,
-    over_whole,
-    settled,
-    settled_where_certain,
-)
+from walkerkit.gap.search.keeping import finalists, kept, over_whole, settled, where_certain
 from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms
@@ -107,10 +101,14 @@ def name_effects(
             continue
         met = contests(problem, tries, current)
         exchanged = _exchanged(problem, tries, base, met) if exchanges < _MOST_EXCHANGES else None
-        if exchanged is None:
+        if exchanged is not None:
+            exchanges += 1
+            current, base = exchanged
+            continue
+        certain = where_certain(problem, current, effects)
+        if certain is current:
             break
-        exchanges += 1
-        current, base = exchanged
+        current, base = settled(problem, certain)
     problem.refine(current)
     whole = over_whole(problem, current)
     if whole is not None:
@@ -178,10 +176,9 @@ def _grown(
         added = fits[winner].structure.terms[len(current.structure.terms) :]
         found = kept(problem, fits[winner], [term.effect for term in added], tries.effects)
         if not tries.known(found.structure):
-            found, own = settled_where_certain(problem, found, tries.effects)
+            found, own = settled(problem, found)
             effects = len(found.structure.terms)
-            both = Evidence.joined([base, own])
-            if not tries.known(found.structure) and worth_it(problem, both, 1, effects=effects):
+            if worth_it(problem, Evidence.joined([base, own]), 1, effects=effects):
                 return found, own
         # What was added does not hold, or not where it is needed.
         open_to.remove(winner)
@@ -201,8 +198,7 @@ def _exchanged(
     for better in sorted(every, key=lambda one: one.score):
         known = better.than.structure.terms
         added = [term.effect for term in better.fit.structure.terms if term not in known]
-        found = kept(problem, better.fit, added, tries.effects)
-        found, evidence = settled_where_certain(problem, found, tries.effects)
+        found, evidence = settled(problem, kept(problem, better.fit, added, tries.effects))
         both = Evidence.joined([base, evidence])
         if (
             both.both[1] < both.both[0]

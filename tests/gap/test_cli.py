@@ -656,13 +656,16 @@ def test_compare_names_nothing_and_writes_nothing(run: Run, folder: Path) -> Non
 
 
 def test_diagnose_prints_the_json_that_it_writes(run: Run, folder: Path) -> None:
+    hide = ("--hide", "viscous_friction", "--seconds", 3, "--out", "logs")
+    *files, _ = run("simulate", "servo.xml", *hide).out.splitlines()
     few = ("--effect", "viscous_friction", "--effect", "command_delay", "--threads", 1)
-    printed = run("diagnose", "servo.xml", "a.csv", "b.csv", "--out", "o", *few, "--json")
+    printed = run("diagnose", "servo.xml", *files, "--out", "o", *few, "--json")
     assert (printed.status, printed.err) == (0, "")
     assert printed.out == (folder / "o/diagnosis.json").read_text(encoding="utf-8")
-    shown = run("diagnose", "servo.xml", "a.csv", "b.csv", "--out", "p", *few)
+    shown = run("diagnose", "servo.xml", *files, "--out", "p", *few)
     assert re.search(r"^Written to p$", shown.out, re.MULTILINE)
-    assert json.loads(printed.out)["effects"][0]["effect"] in shown.out
+    (named,) = json.loads(printed.out)["effects"]
+    assert re.search(rf"^{named['effect']} +knee ", shown.out, re.MULTILINE)
 
 
 def test_simulate_records_what_diagnose_reads(run: Run, folder: Path) -> None:
