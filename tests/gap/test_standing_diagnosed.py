@@ -26,7 +26,7 @@ def standing(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def logs(model: Path, *hidden: HiddenEffect) -> list[Recording]:
     targets = standing_targets(np.random.default_rng(4), seconds=SECONDS)
-    names = list(targets)
+    names = ["sway", "steps"]
     recordings = run_hardware(
         model, [targets[name] for name in names], rate=RATE, hidden=hidden, seed=5, names=names
     )
