@@ -59,22 +59,6 @@ def settled(problem: Problem, current: Fit) -> tuple[Fit, Evidence]:
     return current, base
 
 
-def where_certain(problem: Problem, current: Fit, effects: Sequence[Effect]) -> Fit:
-    """The fit without effects and places none of whose values is known to be there.
-
-    That can be said only of a whole explanation: what one still lacks pulls its values.
-
-    Args:
-        problem: what is to be explained.
-        current: the fit, which is settled.
-        effects: the catalogue.
-
-    Returns:
-        The same fit where nothing is to go; otherwise one that is to be settled again.
-    """
-    return _without_the_uncertain(problem, current, effects, whole=True)
-
-
 def over_whole(problem: Problem, current: Fit) -> Fit | None:
     """The fit over the horizon that the gap is told of; None where that is the same, or misleads.
 
@@ -155,7 +139,7 @@ def kept(problem: Problem, current: Fit, added: Sequence[Effect], effects: Seque
     for effect in added:
         term = next(term for term in current.structure.terms if term.effect is effect)
         current = places_needed(problem, current, term)
-    return _without_the_uncertain(problem, _without_the_needless(problem, current), effects)
+    return where_certain(problem, _without_the_needless(problem, current), effects, whole=False)
 
 
 def _without_the_needless(problem: Problem, current: Fit) -> Fit:
@@ -173,14 +157,21 @@ def _without_the_needless(problem: Problem, current: Fit) -> Fit:
     return current
 
 
-def _without_the_uncertain(
-    problem: Problem, current: Fit, effects: Sequence[Effect], *, whole: bool = False
-) -> Fit:
-    """The fit without effects none of whose values is known to be there, of several that it has.
+def where_certain(problem: Problem, current: Fit, effects: Sequence[Effect], *, whole: bool) -> Fit:
+    """The fit without effects none of whose values is known to be there.
 
     Two effects that can do the same leave each other's values open, though something of them is
-    there: one of them becomes an effect that it generalises, where that explains as much. Where
-    the explanation is whole, places and the last effect go as well.
+    there: one of them becomes an effect that it generalises, where that explains as much.
+
+    Args:
+        problem: what is to be explained.
+        current: the fit.
+        effects: the catalogue.
+        whole: nothing is to be added, so that places and the only effect may go as well. What an
+            explanation still lacks pulls the values that it has.
+
+    Returns:
+        The same fit where nothing goes; otherwise one that is to be settled.
     """
     while len(current.structure.terms) > (0 if whole else 1):
         (one,) = evaluate(problem.fit.objective, [(current.structure, current.values)])

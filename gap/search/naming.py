@@ -105,7 +105,7 @@ def name_effects(
             exchanges += 1
             current, base = exchanged
             continue
-        certain = where_certain(problem, current, effects)
+        certain = where_certain(problem, current, effects, whole=True)
         if certain is current:
             break
         current, base = settled(problem, certain)

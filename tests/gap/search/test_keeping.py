@@ -14,6 +14,7 @@ from walkerkit.gap.search.keeping import settled, where_certain
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Structure, Term
 
+EVERY = tuple(CATALOGUE.values())
 DAMPED = Term(effect=CATALOGUE["viscous_friction"], sites=("knee", "ankle"), shared=False)
 ROTOR = Term(effect=CATALOGUE["armature"], sites=("ankle",), shared=False)
 
@@ -40,7 +41,7 @@ def test_what_is_not_known_to_be_there_goes(
 ) -> None:
     structure = Structure(terms, problem.robots)
     (full,) = evaluate(problem.fit.objective, [(structure, np.array(values))])
-    found, _ = settled(problem, where_certain(problem, full, [*CATALOGUE.values()]))
+    found, _ = settled(problem, where_certain(problem, full, EVERY, whole=True))
     assert {term.effect.name: term.sites for term in found.structure.terms} == places
     if places:
         assert found.values[0] == pytest.approx(0.3, rel=0.05)
@@ -49,4 +50,16 @@ def test_what_is_not_known_to_be_there_goes(
 def test_what_is_certain_stays(problem: Problem) -> None:
     structure = Structure((replace(DAMPED, sites=("knee",)),), problem.robots)
     (full,) = evaluate(problem.fit.objective, [(structure, np.array([0.3]))])
-    assert where_certain(problem, full, [*CATALOGUE.values()]) is full
+    assert where_certain(problem, full, EVERY, whole=True) is full
+
+
+@pytest.mark.parametrize(
+    ("term", "values"), [(DAMPED, [0.3, 0.001]), (ROTOR, [1e-5])], ids=["a place", "the only one"]
+)
+def test_what_something_else_may_pull_waits(
+    problem: Problem, term: Term, values: list[float]
+) -> None:
+    (full,) = evaluate(
+        problem.fit.objective, [(Structure((term,), problem.robots), np.array(values))]
+    )
+    assert where_certain(problem, full, EVERY, whole=False) is full
