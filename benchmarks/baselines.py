@@ -27,9 +27,10 @@ import numpy as np
 from benchmarks import Row
 from benchmarks.rivals import mujoco_sysid
 from benchmarks.rivals.logs import LOGS, Figure, RealLog
-from benchmarks.rivals.structures import STRUCTURES, fit, structure
+from benchmarks.rivals.structures import NESTED, STRUCTURES, fit, mended, structure
 from walkerkit import gap
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Fit
 
 _QUICK_LOGS = ("emps",)
 _QUICK_STRUCTURES = ("PACE", "BAM M1")  # of effects that MuJoCo has itself
@@ -82,6 +83,7 @@ def _methods(log: RealLog, problem: Problem, *, quick: bool) -> Iterator[_Reache
         yield _sysid(log, problem)
     else:
         print(f"{log.name}: mujoco.sysid left out: pip install 'mujoco[sysid]'", flush=True)
+    fits: dict[str, Fit] = {}
     for name in _QUICK_STRUCTURES if quick else STRUCTURES:
         try:
             effects, missing = structure(name, problem)
@@ -89,12 +91,13 @@ def _methods(log: RealLog, problem: Problem, *, quick: bool) -> Iterator[_Reache
             print(f"{log.name}: {name} left out: {reason}", flush=True)
             continue
         start = time.perf_counter()
-        robots, parameters = fit(problem, effects)
+        nested = [fits[other] for other in NESTED.get(name, ()) if other in fits]
+        fits[name] = found = fit(problem, effects, nested)
         seconds = time.perf_counter() - start
         yield _Reached(
             method=name,
-            figure=log.figure(problem, gap.replay(problem, robots).gap),
-            parameters=parameters,
+            figure=log.figure(problem, gap.replay(problem, mended(problem, found)).gap),
+            parameters=len(found.values),
             seconds=seconds,
             note=f"without {', '.join(missing)}" if missing else "",
         )

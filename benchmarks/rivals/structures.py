@@ -1,8 +1,8 @@
 """Published sets of parameters as structures of the catalogue, fitted by its own means.
 
     effects, missing = structure("BAM M4", problem)
-    robots, n_parameters = fit(problem, effects)
-    gap.replay(problem, robots).gap
+    found = fit(problem, effects)
+    gap.replay(problem, mended(problem, found)).gap
 
 PACE (Bjelonic, Tischhauser, Hutter, "Towards bridging the gap: systematic sim-to-real transfer for
 diverse legged robots", 2025) fits armature, viscous and Coulomb friction and the bias of each
@@ -35,18 +35,21 @@ span no more than M4 does there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.fit import fit as improve
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import candidate_terms
+from walkerkit.gap.search.structure import Fit, Structure, candidate_terms, carried
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
+
+FloatArray = NDArray[np.float64]
 
 _PLAIN = ("armature", "viscous_friction", "coulomb_friction", "encoder_offset", "command_delay")
 _MOTOR = (*_PLAIN, "velocity_gain")
@@ -60,6 +63,14 @@ STRUCTURES: dict[str, tuple[str, ...]] = {
     "BAM M5": (*_MOTOR, "stribeck_friction", "directional_efficiency"),
     "BAM M6": (*_MOTOR, "stribeck_friction", "directional_efficiency", "quadratic_drag"),
 }
+NESTED: dict[str, tuple[str, ...]] = {
+    "BAM M2": ("BAM M1",),
+    "BAM M3": ("BAM M1",),
+    "BAM M4": ("BAM M2", "BAM M3"),
+    "BAM M5": ("BAM M4",),
+    "BAM M6": ("BAM M5",),
+}
+"""What each is more of, which it fits at least as well as."""
 _OPTIONAL = ("velocity_gain",)
 _SURE = ("armature", "viscous_friction", "coulomb_friction")
 _ITERATIONS = 40
@@ -89,18 +100,17 @@ def structure(name: str, problem: Problem) -> tuple[dict[str, str], tuple[str, .
     return effects, tuple(missing)
 
 
-def fit(problem: Problem, effects: Mapping[str, str]) -> tuple[tuple[Robot, ...], int]:
-    """Fits a structure in two ways, and keeps the one that fits better.
+def fit(problem: Problem, effects: Mapping[str, str], nested: Sequence[Fit] = ()) -> Fit:
+    """Fits a structure in several ways, and keeps the one that fits best.
 
     `gap.fit` adds the effects one by one, and what it adds first may take the place of what comes
-    later. From armature and friction together it is another way down.
+    later. From armature and friction together it is another way down, from what it is more of a
+    third.
 
     Args:
         problem: what `gap.load` returned.
         effects: what `structure` returned.
-
-    Returns:
-        The mended robots, one per experiment, and the number of parameters.
+        nested: fits of what the structure is more of.
     """
     fitted = gap.fit(problem, effects)
     structure = fitted.fit.structure
@@ -108,10 +118,36 @@ def fit(problem: Problem, effects: Mapping[str, str]) -> tuple[tuple[Robot, ...]
     for k, slot in enumerate(structure.slots):
         if slot.term.effect.name in _SURE:
             together[k] = slot.parameter.starts[0]
-    together = np.clip(together, *structure.bounds)
+    values = [fitted.fit.values, together, *(start_from(one, structure) for one in nested)]
     problem.fit.refine(fitted.fit)
     objective = problem.fit.objective
-    starts = evaluate(objective, [(structure, fitted.fit.values), (structure, together)])
-    best = min(improve(objective, starts, iterations=_ITERATIONS), key=lambda one: one.score)
-    trials = (structure.trials(robot, best.values[None]) for robot in problem.robots)
-    return tuple(map(mend, trials)), len(best.values)
+    starts = evaluate(objective, [(structure, np.clip(v, *structure.bounds)) for v in values])
+    return min(improve(objective, starts, iterations=_ITERATIONS), key=lambda one: one.score)
+
+
+def start_from(one: Fit, structure: Structure) -> FloatArray:
+    """The values with which a structure does what one does that it is more of.
+
+    Args:
+        one: a fit of what is nested.
+        structure: the larger one.
+
+    Returns:
+        (n_parameters,) values. Where only the larger one has `directional_efficiency`, that takes
+        up the other's torque constant 1 + α and load-dependent friction c: (1 + α)(1 ∓ c).
+    """
+    values = carried(one.values, one.structure, structure)
+    known = {slot.key: value for slot, value in zip(one.structure.slots, one.values, strict=True)}
+    for k, slot in enumerate(structure.slots):
+        if slot.term.effect.name == "directional_efficiency" and slot.key not in known:
+            gained = known.get(("torque_constant", slot.place, "strength"), 0.0)
+            lost = known.get(("load_dependent_friction", slot.place, "coefficient"), 0.0)
+            sign = -1 if slot.parameter.name == "driving" else 1
+            values[k] = (1 + gained) * (1 + sign * lost)
+    return values
+
+
+def mended(problem: Problem, found: Fit) -> tuple[Robot, ...]:
+    """The robots of a problem with what a fit has, one per experiment."""
+    trials = (found.structure.trials(robot, found.values[None]) for robot in problem.robots)
+    return tuple(map(mend, trials))

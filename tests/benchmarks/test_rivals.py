@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from benchmarks.rivals import mujoco_sysid
-from benchmarks.rivals.structures import STRUCTURES, fit, structure
+from benchmarks.rivals.structures import NESTED, STRUCTURES, fit, mended, start_from, structure
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.structure import Structure, candidate_terms
 
 JOINT = "shaft"
@@ -107,10 +108,27 @@ class TestStructures:
             "BAM M6": 12,
         }
 
+    @pytest.mark.parametrize("name", NESTED)
+    def test_do_what_those_do_of_which_they_are_more(self, servo, name):
+        def whole(name):
+            effects, _ = structure(name, servo)
+            terms = candidate_terms([CATALOGUE[e] for e in effects], servo.robots, servo.joints)
+            return Structure(terms, servo.robots)
+
+        objective = servo.fit.objective
+        for nested in map(whole, NESTED[name]):
+            lower, upper = nested.bounds
+            away = np.where(upper > nested.zero, upper, lower) - nested.zero
+            (one,) = evaluate(objective, [(nested, nested.zero + 0.05 * away)])
+            (larger,) = evaluate(objective, [(whole(name), start_from(one, whole(name)))])
+            assert larger.score == pytest.approx(one.score, abs=1e-3)
+            assert abs(one.score - evaluate(objective, [(nested, nested.zero)])[0].score) > 0.1
+
     def test_are_fitted_to_the_end_although_one_effect_can_take_the_place_of_another(self, servo):
         names = ("armature", "viscous_friction", "coulomb_friction", "command_delay")
-        robots, parameters = fit(servo, dict.fromkeys(names, "*"))
-        assert parameters == len(names)
+        found = fit(servo, dict.fromkeys(names, "*"))
+        assert len(found.values) == len(names)
+        robots = mended(servo, found)
         assert robots[0].model.dof_armature[0] == pytest.approx(TRUE["armature"], rel=0.1)
         assert robots[0].model.dof_frictionloss[0] == pytest.approx(TRUE["frictionloss"], rel=0.02)
 
