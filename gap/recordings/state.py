@@ -8,15 +8,43 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings import noise
+from walkerkit.gap.recordings.base import ANGULAR, LINEAR, POSITION, missing, quaternions
+from walkerkit.gap.recordings.recording import QUATERNION, Recording
 from walkerkit.gap.recordings.smooth import Smoothed
 
 FloatArray = NDArray[np.float64]
+
+_OF_BASE = (*POSITION, *QUATERNION, *LINEAR, *ANGULAR)
+
+
+def with_more_noise(recording: Recording, seed: int) -> Recording:
+    """A recording that measures the state with its own noise once more, and is the same otherwise.
+
+    What a replay that restarts from it does differently is what the noise makes of a restart.
+
+    Args:
+        recording: the log.
+        seed: of the noise.
+    """
+    rng = np.random.default_rng(seed)
+    measured = dict(recording.columns)
+    if not missing(recording):
+        measured |= zip(QUATERNION, quaternions(recording).T, strict=True)
+    for name in (*(f"{joint}/position" for joint in recording.joints), *_OF_BASE):
+        if name in measured:
+            std = noise.estimate([measured[name]]).std
+            measured[name] = measured[name] + std * rng.standard_normal(len(recording.time))
+    if QUATERNION[0] in measured:
+        norm = np.linalg.norm([measured[name] for name in QUATERNION], axis=0)
+        measured |= {name: measured[name] / norm for name in QUATERNION}
+    return replace(recording, columns=measured)
 
 
 class MeasuredState:

@@ -34,7 +34,8 @@ class GapSize:
         unit: unit of the numbers.
         before: with the model as it was given.
         after: with the named effects added.
-        noise_floor: what the measurement's own noise leaves.
+        noise_floor: what the measurement's own noise leaves, in the log and in the measured states
+            from which replays restart.
         numerical_floor: what the simulation's own timestep leaves.
     """
 

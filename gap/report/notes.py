@@ -110,8 +110,8 @@ def notes(
         floats = any(robot.base is not None for robot in problem.robots)
         why = "The base floats" if floats else "Joints are driven by effort"
         yield (
-            f"{why}, so replays restart from the measured state every {gap.horizon:g} s; the noise "
-            "floor leaves out what the restart's own error adds."
+            f"{why}, so replays restart from the measured state every {gap.horizon:g} s; what the "
+            "noise of that state makes of them is part of the noise floor."
         )
     yield from dict.fromkeys(note for robot in problem.robots for note in robot.notes)
     for recording in seen.values():

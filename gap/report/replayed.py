@@ -6,13 +6,15 @@ gap = gap_of(problem, replayed, replayed)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings.segments import cut
+from walkerkit.gap.recordings.segments import Segment, cut
+from walkerkit.gap.recordings.state import with_more_noise
 from walkerkit.gap.report.diagnosis import Gap, GapMap, GapSize, Trace
 from walkerkit.gap.report.locate import gap_map
 from walkerkit.gap.report.regimes import regimes
@@ -87,13 +89,19 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
     floor = {c: channel_noise(everything, c).std for c in channels}
 
     finer = _finer(problem, after)
+    restarted = None if problem.window is None else _restarted(problem, after)
+
+    def noise(chosen: Sequence[Channel]) -> float:
+        own = float(np.sqrt(np.mean([floor[c] ** 2 for c in chosen])))
+        of_restarts = 0.0 if restarted is None else _changed(after, restarted, chosen)
+        return math.hypot(own, of_restarts) if math.isfinite(of_restarts) else own
 
     def size(chosen: Sequence[Channel]) -> GapSize:
         return GapSize(
             unit=unit_of(problem, chosen),
             before=before.rms(chosen),
             after=after.rms(chosen),
-            noise_floor=float(np.sqrt(np.mean([floor[c] ** 2 for c in chosen]))),
+            noise_floor=noise(chosen),
             numerical_floor=_changed(after, finer, chosen),
         )
 
@@ -232,10 +240,25 @@ def _finer(problem: Problem, replayed: Replayed) -> Replayed:
     return Replayed(replays=fine, predicted=tuple(as_they_are(fine, problem.n_threads)))
 
 
-def _changed(coarse: Replayed, finer: Replayed, channels: Sequence[Channel]) -> float:
-    """Root-mean-square change of some channels from one timestep to another."""
-    changes = [two - one for one, two in zip(coarse.predicted, finer.predicted, strict=True)]
-    return _rms(coarse.replays, changes, channels)
+def _restarted(problem: Problem, replayed: Replayed) -> Replayed:
+    """The same replays from states that are measured with the noise that is there once more."""
+    every = {id(s.recording): s.recording for r in replayed.replays for s in r.segments}
+    noisier = {key: with_more_noise(one, seed) for seed, (key, one) in enumerate(every.items())}
+
+    def again(segment: Segment) -> Segment:
+        return replace(segment, recording=noisier[id(segment.recording)])
+
+    same = tuple(
+        Replay(r.robot, list(map(again, r.segments)), r.channels, hold=problem.hold)
+        for r in replayed.replays
+    )
+    return Replayed(replays=same, predicted=tuple(as_they_are(same, problem.n_threads)))
+
+
+def _changed(one: Replayed, other: Replayed, channels: Sequence[Channel]) -> float:
+    """Root-mean-square change of some channels from some replays to others of the same."""
+    changes = [b - a for a, b in zip(one.predicted, other.predicted, strict=True)]
+    return _rms(one.replays, changes, channels)
 
 
 def _rms(

@@ -614,6 +614,33 @@ def test_joints_driven_by_effort_are_compared_over_windows(tmp_path: Path) -> No
     assert whole.gap.position.before > 2 * found.gap.position.before
 
 
+def test_the_noise_of_the_states_that_replays_restart_from_is_no_gap(tmp_path: Path) -> None:
+    free = SERVO.replace('damping="0.1" ', "").partition("<position joint")
+    motor = f'{free[0]}<motor joint="knee"/>{free[2].partition("/>")[2]}'
+    path = tmp_path / "motor.xml"
+    path.write_text(motor)
+    model = mujoco.MjModel.from_xml_string(motor.replace('timestep="0.002"', 'timestep="0.0005"'))
+    rng, std = np.random.default_rng(0), 5e-4
+    recordings = []
+    for name in ("a", "b"):
+        data = mujoco.MjData(model)
+        data.qpos = 0.5
+        time = np.arange(0, 12, 1 / RATE)
+        columns = {"knee/position": np.empty(len(time)), "knee/effort_target": np.empty(len(time))}
+        phase = rng.uniform(0, 6)
+        for k, now in enumerate(time):
+            data.ctrl = 0.3 * np.sin(4 * now + phase)
+            columns["knee/effort_target"][k] = data.ctrl[0]
+            columns["knee/position"][k] = data.qpos[0] + std * rng.standard_normal()
+            mujoco.mj_step(model, data, nstep=round(1 / RATE / model.opt.timestep))
+        recordings.append(Recording(name=name, time=time, columns=columns))
+    found = workflow.compare(path, recordings, n_threads=1)
+    size = found.gap.position
+    assert size.noise_floor > 1.5 * std
+    assert size.before == pytest.approx(size.noise_floor, rel=0.3)
+    assert found.verdict == "no_gap"
+
+
 def test_progress_goes_from_0_to_1_in_every_stage(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:
