@@ -90,8 +90,8 @@ def _methods(log: RealLog, problem: Problem, *, quick: bool) -> Iterator[_Reache
         except ValueError as reason:
             print(f"{log.name}: {name} left out: {reason}", flush=True)
             continue
-        start = time.perf_counter()
         nested = [fits[other] for other in NESTED.get(name, ()) if other in fits]
+        start = time.perf_counter()
         fits[name] = found = fit(problem, effects, nested)
         seconds = time.perf_counter() - start
         yield _Reached(
@@ -99,7 +99,10 @@ def _methods(log: RealLog, problem: Problem, *, quick: bool) -> Iterator[_Reache
             figure=log.figure(problem, gap.replay(problem, mended(problem, found)).gap),
             parameters=len(found.values),
             seconds=seconds,
-            note=f"without {', '.join(missing)}" if missing else "",
+            note="; ".join(
+                [f"without {', '.join(missing)}"] * bool(missing)
+                + [f"also from {', '.join(NESTED[name])}"] * bool(nested)
+            ),
         )
     if not quick:
         yield _diagnosed(log, problem)

@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 _OF_BASE = (*POSITION, *QUATERNION, *LINEAR, *ANGULAR)
 
 
-def with_more_noise(recording: Recording, seed: int) -> Recording:
+def with_more_noise(recording: Recording, seed: Sequence[int]) -> Recording:
     """A recording that measures the state with its own noise once more, and is the same otherwise.
 
     What a replay that restarts from it does differently is what the noise makes of a restart.

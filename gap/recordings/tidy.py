@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.errors import refusal
-from walkerkit.gap.recordings.recording import LARGEST_POSITION, QUATERNION, Recording
+from walkerkit.gap.recordings.base import missing
+from walkerkit.gap.recordings.recording import LARGEST_POSITION, Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -94,7 +95,7 @@ def _quirks(recording: Recording) -> Iterator[str]:
         yield from _stale(recording, joint, position)
     ahead = [note for joint in recording.joints for note in _leads(recording, joint)]
     # On its feet a robot's joints move each other, some of them before they are told to.
-    if QUATERNION[0] not in recording.columns or 2 * len(ahead) > len(recording.joints):
+    if missing(recording) or 2 * len(ahead) > len(recording.joints):
         yield from ahead
 
 

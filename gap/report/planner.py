@@ -160,8 +160,8 @@ class _Bench:
                 continue
             margin = _BEYOND * excursion.range
             low, high = excursion.lower - margin, excursion.upper + margin
-            if channel.joint in set_up.released:
-                # It may swing through: all that a joint can do is what its stops leave it.
+            if channel.joint in set_up.released and not joint.slide:
+                # It may swing through: all that a hinge can do is what its stops leave it.
                 low, high = -np.inf, np.inf
             if self.robot.model.jnt_limited[joint.id]:
                 stops = self.robot.model.jnt_range[joint.id]
@@ -254,7 +254,10 @@ def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Reco
 def is_driven(problem: Problem, joint: str) -> bool:
     """Whether a joint has a drive, or was sent effort that the model has no actuator for."""
     return bool(problem.robots[0].joints[joint].drives) or any(
-        recording.signal(joint, "effort_target") is not None for recording in _recordings(problem)
+        recording.signal(joint, "effort_target") is not None
+        for half in (problem.fit, problem.held)
+        for recordings in half.recordings
+        for recording in recordings
     )
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings.segments import Segment, cut
+from walkerkit.gap.recordings.segments import cut
 from walkerkit.gap.recordings.state import with_more_noise
 from walkerkit.gap.report.diagnosis import Gap, GapMap, GapSize, Trace
 from walkerkit.gap.report.locate import gap_map
@@ -26,6 +26,7 @@ from walkerkit.gap.simulation.robot import Robot
 FloatArray = NDArray[np.float64]
 
 _QUARTER = 4  # of the timestep, at which the numerical floor is taken
+_DRAWS = 6  # of the noise of restarts
 _LONGEST_TRACE = 20000  # samples
 
 
@@ -89,19 +90,19 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
     floor = {c: channel_noise(everything, c).std for c in channels}
 
     finer = _finer(problem, after)
-    restarted = None if problem.window is None else _restarted(problem, after)
+    restarted = [] if problem.window is None else _restarted(problem, after)
 
-    def noise(chosen: Sequence[Channel]) -> float:
-        own = float(np.sqrt(np.mean([floor[c] ** 2 for c in chosen])))
-        of_restarts = 0.0 if restarted is None else _changed(after, restarted, chosen)
-        return math.hypot(own, of_restarts) if math.isfinite(of_restarts) else own
+    def own_noise(chosen: Sequence[Channel]) -> float:
+        return float(np.sqrt(np.mean([floor[c] ** 2 for c in chosen])))
 
     def size(chosen: Sequence[Channel]) -> GapSize:
+        changed = np.array([_changed(after, one, chosen) for one in restarted])
+        of_restarts = math.sqrt(np.mean(np.square(changed))) if changed.size else 0.0
         return GapSize(
             unit=unit_of(problem, chosen),
             before=before.rms(chosen),
             after=after.rms(chosen),
-            noise_floor=noise(chosen),
+            noise_floor=math.hypot(own_noise(chosen), of_restarts),
             numerical_floor=_changed(after, finer, chosen),
         )
 
@@ -109,7 +110,8 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
     signals = dict.fromkeys(c.quantity for c in channels)
     position = size(positions)
     finer_position = None
-    if position.numerical_floor > position.noise_floor:
+    # The timestep's error is the same each time, where that of restarts comes by chance.
+    if position.numerical_floor > own_noise(positions):
         finer_position = replace(
             position,
             before=(finer if after is before else _finer(problem, before)).rms(positions),
@@ -240,19 +242,30 @@ def _finer(problem: Problem, replayed: Replayed) -> Replayed:
     return Replayed(replays=fine, predicted=tuple(as_they_are(fine, problem.n_threads)))
 
 
-def _restarted(problem: Problem, replayed: Replayed) -> Replayed:
-    """The same replays from states that are measured with the noise that is there once more."""
+def _restarted(problem: Problem, replayed: Replayed) -> list[Replayed]:
+    """The same replays from states that are measured with the noise that is there once more.
+
+    Again and again, as few windows tell little of it; without what diverged.
+    """
     every = {id(s.recording): s.recording for r in replayed.replays for s in r.segments}
-    noisier = {key: with_more_noise(one, seed) for seed, (key, one) in enumerate(every.items())}
-
-    def again(segment: Segment) -> Segment:
-        return replace(segment, recording=noisier[id(segment.recording)])
-
-    same = tuple(
-        Replay(r.robot, list(map(again, r.segments)), r.channels, hold=problem.hold)
-        for r in replayed.replays
-    )
-    return Replayed(replays=same, predicted=tuple(as_they_are(same, problem.n_threads)))
+    found = []
+    for draw in range(_DRAWS):
+        noisier = {
+            key: with_more_noise(one, (draw, seed)) for seed, (key, one) in enumerate(every.items())
+        }
+        same = tuple(
+            Replay(
+                r.robot,
+                [replace(s, recording=noisier[id(s.recording)]) for s in r.segments],
+                r.channels,
+                hold=problem.hold,
+            )
+            for r in replayed.replays
+        )
+        again = Replayed(replays=same, predicted=tuple(as_they_are(same, problem.n_threads)))
+        if math.isfinite(_changed(replayed, again, same[0].channels)):
+            found.append(again)
+    return found
 
 
 def _changed(one: Replayed, other: Replayed, channels: Sequence[Channel]) -> float:

@@ -23,7 +23,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.slopes import linearised
-from walkerkit.gap.search.structure import Fit, Term, candidate_terms, carried, merged
+from walkerkit.gap.search.structure import Fit, candidate_terms, carried, merged
 from walkerkit.gap.search.worth import much_is_lost, much_is_lost_at_a_joint, worth_it
 
 FloatArray = NDArray[np.float64]
@@ -174,50 +174,73 @@ def where_certain(problem: Problem, current: Fit, effects: Sequence[Effect], *, 
         The same fit where nothing goes; otherwise one that is to be settled.
     """
     while len(current.structure.terms) > (0 if whole else 1):
+        if whole:
+            problem.searched.look_at(current.case)
+            problem.screen.refine(current)
         (one,) = evaluate(problem.fit.objective, [(current.structure, current.values)])
         objective, part = problem.fit.objective, problem.screen.objective
         sure = certainty(objective, one, problem.noise, part)
-        fitted = [term for term in one.structure.terms if term.effect.fitted]
-        known = {term: _most(sure[one.structure.columns(term)]) for term in fitted}
-        if whole:
-            there = [term for term in fitted if known[term] >= _CERTAIN]
-            smaller = _at_certain_places(problem, one, sure, there)
-            if smaller is not None:
-                current = smaller
-                continue
-        least = min(known, key=known.__getitem__, default=None)
-        if least is None or known[least] >= _CERTAIN:
+        smaller = _at_certain_places(problem, one, sure) if whole else None
+        smaller = smaller or _without_one(problem, one, sure, effects)
+        if smaller is None:
             break
-        (smaller,) = refit(problem, current, [current.structure.without_term(least)])
-        evidence, count = weigh(problem, [smaller, current]), len(current.structure.terms)
-        lost = much_is_lost(evidence, 1)
-        plainer = None
-        if lost or worth_it(problem, evidence, 1, effects=count):
-            plainer = _in_plainer_terms(problem, current, effects)
-        if plainer is None and lost:
-            break
-        current = plainer or smaller
+        current = smaller
     return current
 
 
-def _at_certain_places(
-    problem: Problem, one: Fit, sure: FloatArray, terms: Sequence[Term]
+def _without_one(
+    problem: Problem, one: Fit, sure: FloatArray, effects: Sequence[Effect]
 ) -> Fit | None:
-    """The fit with some of its terms only where they are known to be, or None.
+    """The fit without the effect that is known least, or in plainer terms; None where all stay.
+
+    What is felt nowhere, and what is known little beside another that is needed all the same, goes
+    only where it is not worth it.
+    """
+    structure = one.structure
+    known = {t: _most(sure[structure.columns(t)]) for t in structure.terms if t.effect.fitted}
+    doubtful = [term for term in known if not _CERTAIN <= known[term] < np.inf]
+    for rank, term in enumerate(sorted(doubtful, key=known.__getitem__)):
+        (smaller,) = refit(problem, one, [structure.without_term(term)])
+        evidence = weigh(problem, [smaller, one])
+        lost = much_is_lost(evidence, 1)
+        worth = lost or worth_it(problem, evidence, 1, effects=len(structure.terms))
+        if not worth:
+            return smaller
+        if rank or np.isinf(known[term]):
+            continue
+        plainer = _in_plainer_terms(problem, one, effects)
+        if plainer is not None or not lost:
+            return plainer or smaller
+    return None
+
+
+def _at_certain_places(problem: Problem, one: Fit, sure: FloatArray) -> Fit | None:
+    """The fit with one of its terms only where it is known to be, or None where all are needed.
 
     A place that is doubtful stays where it is worth it; one of which not even the direction is
     known stays only where much is lost without it.
     """
     structure = one.structure
-    for term in terms:
-        known = [_most(sure[structure.columns(term, site)]) for site in term.places]
-        for least, needed in (_CERTAIN, worth_it), (_OF_KNOWN_SIGN, much_is_lost_at_a_joint):
-            certain = tuple(s for s, k in zip(term.places, known, strict=True) if k >= least)
-            if len(certain) < len(term.places):
-                fewer = structure.replaced(term, replace(term, sites=certain))
-                (smaller,) = refit(problem, one, [fewer])
-                if not needed(problem, weigh(problem, [smaller, one]), 1):
-                    return smaller
+    for term in structure.terms:
+        known = {s: _most(sure[structure.columns(term, s)]) for s in term.places}
+        if not term.effect.fitted or not any(_CERTAIN <= k < np.inf for k in known.values()):
+            continue
+        doubtful = [site for site in known if not _CERTAIN <= known[site] < np.inf]
+        unclear = sorted(doubtful, key=known.__getitem__)
+        unknown = [site for site in unclear if known[site] < _OF_KNOWN_SIGN]
+        # All of them, or one by one.
+        every = dict.fromkeys([tuple(unclear), tuple(unknown), *((site,) for site in unclear)])
+        leaving = [sites for sites in every if sites]
+        fewer = [
+            structure.replaced(term, replace(term, sites=tuple(s for s in known if s not in gone)))
+            for gone in leaving
+        ]
+        fits = refit(problem, one, fewer)
+        evidence = weigh(problem, [one, *fits])
+        for k, (gone, smaller) in enumerate(zip(leaving, fits, strict=True), start=1):
+            needed = much_is_lost_at_a_joint if {*gone} <= {*unknown} else worth_it
+            if not needed(problem, evidence, 0, base=k):
+                return smaller
     return None
 
 

@@ -105,11 +105,11 @@ def name_effects(
             exchanges += 1
             current, base = exchanged
             continue
+        problem.refine(current)
         certain = where_certain(problem, current, effects, whole=True)
         if certain is current:
             break
         current, base = settled(problem, certain)
-    problem.refine(current)
     whole = over_whole(problem, current)
     if whole is not None:
         current = whole

@@ -637,7 +637,7 @@ def test_the_noise_of_the_states_that_replays_restart_from_is_no_gap(tmp_path: P
     found = workflow.compare(path, recordings, n_threads=1)
     size = found.gap.position
     assert size.noise_floor > 1.5 * std
-    assert size.before == pytest.approx(size.noise_floor, rel=0.3)
+    assert size.before == pytest.approx(size.floor, rel=0.3)
     assert found.verdict == "no_gap"
 
 

@@ -173,9 +173,14 @@ def test_a_member_that_diverges_parts_nothing(servo: Problem) -> None:
 DRIVE = '<position joint="knee" kp="30" kv="1"/>'
 
 
-def driven(folder: Path, kind: str) -> Problem:
-    """An arm whose motor takes `kind` targets; its joint is damped by 0.05 more than modelled."""
+def driven(folder: Path, kind: str, *, lift: bool = False) -> Problem:
+    """An arm whose motor takes `kind` targets; its joint is damped by 0.05 more than modelled.
+
+    With `lift` the joint slides up and down.
+    """
     text = SERVO.replace(DRIVE, f"<{kind}/>")
+    if lift:
+        text = text.replace('axis="0 1 0"', 'type="slide" axis="0 0 1"')
     (folder / "arm.xml").write_text(text)
     model = mujoco.MjModel.from_xml_string(text)
     model.dof_damping[:] += 0.05
@@ -183,7 +188,7 @@ def driven(folder: Path, kind: str) -> Problem:
     rng = np.random.default_rng(0)
     rows = []
     for _ in range(1000):
-        data.ctrl[:] = 0.5 * np.sin(5 * data.time)
+        data.ctrl[:] = 0.5 * np.sin(5 * data.time) + lift * 9.81 * model.body_mass.sum()
         position = data.qpos[0] + 1e-4 * rng.standard_normal()
         effort = data.ctrl[0] + 1e-2 * rng.standard_normal()
         rows.append((data.time, position, effort, data.ctrl[0]))
@@ -193,6 +198,13 @@ def driven(folder: Path, kind: str) -> Problem:
     columns = {"knee/position": position, "knee/effort": effort, f"knee/{target}": sent}
     log = Recording(name="log", time=time, columns=columns)
     return problem(folder / "arm.xml", [log])
+
+
+def test_what_would_fall_is_not_let_go(tmp_path: Path) -> None:
+    motor = driven(tmp_path, 'motor joint="knee"', lift=True)
+    members = [member(motor, "viscous_friction", 0.05), member(motor, "coulomb_friction", 0.05)]
+    planned = next_experiment(motor, members)
+    assert planned is None or planned.experiment.set_up != "motor_off"
 
 
 def test_a_motor_that_takes_effort_is_switched_off_to_tell_its_joint_s_frictions(
