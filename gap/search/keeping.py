@@ -223,13 +223,13 @@ def _at_certain_places(problem: Problem, one: Fit, sure: FloatArray) -> Fit | No
     structure = one.structure
     for term in structure.terms:
         known = {s: _most(sure[structure.columns(term, s)]) for s in term.places}
-        if not term.effect.fitted or not any(_CERTAIN <= k < np.inf for k in known.values()):
-            continue
         doubtful = [site for site in known if not _CERTAIN <= known[site] < np.inf]
-        unclear = sorted(doubtful, key=known.__getitem__)
-        unknown = [site for site in unclear if known[site] < _OF_KNOWN_SIGN]
+        if not term.effect.fitted or len(doubtful) in (0, len(known)):
+            continue
+        doubtful.sort(key=known.__getitem__)
+        unknown = [site for site in doubtful if known[site] < _OF_KNOWN_SIGN]
         # All of them, or one by one.
-        every = dict.fromkeys([tuple(unclear), tuple(unknown), *((site,) for site in unclear)])
+        every = dict.fromkeys([tuple(doubtful), tuple(unknown), *((site,) for site in doubtful)])
         leaving = [sites for sites in every if sites]
         fewer = [
             structure.replaced(term, replace(term, sites=tuple(s for s in known if s not in gone)))
