@@ -82,28 +82,20 @@ class TestRealLogs:
         # To the other end and back.
         cut("emps", 6.2, "identification", "pulses")
         example = _example(repository, "emps", monkeypatch)
-        few = ("viscous_friction", "coulomb_friction", "torque_bias", "asymmetric_friction")
+        few = ("viscous_friction", "coulomb_friction", "torque_bias")
         result = example.main(tmp_path / "out", few)
         named = {effect.effect: effect for effect in result.diagnosis.effects}
-        # Friction by direction, or a mean of it with an offset, as the makers of the data have it:
-        # whichever is named, the other is told of.
-        told = " ".join(str(result).split())
-        assert "differs between the directions" in told
-        if "asymmetric_friction" in named:
-            forward, backward = (p.value for p in named["asymmetric_friction"].parameters)
-            coulomb, bias = (forward + backward) / 2, (backward - forward) / 2
-            assert "coulomb_friction and torque_bias together" in told
-        else:
-            assert "asymmetric_friction" in named["torque_bias"].indistinguishable_from
-            (coulomb,) = (p.value for p in named["coulomb_friction"].parameters)
-            (bias,) = (p.value for p in named["torque_bias"].parameters)
+        # A mean of the friction with an offset, as the makers of the data have it, is friction by
+        # direction, and says so.
+        assert "differs between the directions" in " ".join(str(result).split())
+        assert "asymmetric_friction" in named["torque_bias"].indistinguishable_from
         before, after = example.relative_effort_error(result)
         assert before == pytest.approx(0.66, abs=0.02)
         assert after <= 0.12
         # Janot, Gautier and Brunot (2019).
         assert named["viscous_friction"].parameters[0].value == pytest.approx(203.5, rel=0.1)
-        assert coulomb == pytest.approx(20.39, rel=0.1)
-        assert bias == pytest.approx(3.16, rel=0.2)
+        assert named["coulomb_friction"].parameters[0].value == pytest.approx(20.39, rel=0.1)
+        assert named["torque_bias"].parameters[0].value == pytest.approx(3.16, rel=0.2)
 
     def test_xl330(
         self,
