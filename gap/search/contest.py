@@ -190,10 +190,11 @@ def _ordinary_together(tries: Tries, alone: Fit, effect: Effect) -> list[Fit]:
 
 
 def _is_better(problem: Problem, compared: Evidence, k: int, larger: bool) -> bool:
-    if 0 in close_to(compared, len(problem.channels), first=k):
+    # One that diverges is close to nothing.
+    better = compared.both[k] < compared.both[0]
+    if not better or 0 in close_to(compared, len(problem.channels), first=k):
         return False
-    better = bool(compared.both[k] < compared.both[0])
-    return better and (not larger or worth_it(problem, compared, k))
+    return not larger or worth_it(problem, compared, k)
 
 
 def _is_rival(other: Effect, effect: Effect) -> bool:
