@@ -103,7 +103,12 @@ def contests(problem: Problem, tries: Tries, current: Fit) -> list[Contest]:
     if near:
         slopes = linearised(objective, fits[0])
         found = polished(
-            objective, [fits[k] for k in near], slopes, iterations=_REFITS, certain=False
+            objective,
+            [fits[k] for k in near],
+            slopes,
+            iterations=_REFITS,
+            certain=False,
+            leader=fits[0].score,
         )
         for k, one in zip(near, found, strict=True):
             fits[k] = one

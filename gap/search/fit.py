@@ -195,13 +195,17 @@ def _polishing(
     iterations: int,
     certain: bool,
     near_enough: bool = False,
+    leader: float = np.inf,
     progress: Progress | None = None,
     stage: str = "",
 ) -> _Polishing:
-    """As `polish`, asking for the slopes at fits and for the residuals of cases."""
+    """As `polish`, asking for the slopes at fits and for the residuals of cases.
+
+    One that is too far behind a leader's score to catch up at its pace goes no further.
+    """
     if slopes is None:
         slopes = yield start
-    best, kept = objective.at(start, slopes.residual), 0
+    best, kept, gain = objective.at(start, slopes.residual), 0, 0.0
     for k in range(iterations if len(best.values) and np.isfinite(best.score) else 0):
         if progress:
             progress(stage, k / iterations)
@@ -210,7 +214,8 @@ def _polishing(
         step = (trials[0] - best.values) / best.structure.scale
         promised = -float(step @ (gradient + 0.5 * normal @ step))
         believed = slopes.sure or (slopes.right and not certain) or (near_enough and kept > 1)
-        if promised < _CONVERGED and believed:
+        behind = best.score - leader > _PACES * max(promised, gain)
+        if believed and (promised < _CONVERGED or behind):
             break
         fresh, gain = slopes.fresh, 0.0
         if promised >= _CONVERGED:
@@ -266,6 +271,7 @@ def polished(
     iterations: int,
     certain: bool = True,
     own: Sequence[Objective] | None = None,
+    leader: float = np.inf,
 ) -> list[Fit]:
     """What `polish` finds from several starts, from the journal where it has it.
 
@@ -276,6 +282,7 @@ def polished(
         iterations: the most steps.
         certain: as there.
         own: for each start the objective with a numerical error of its own; None for the same.
+        leader: a score; those too far behind it to catch up at their pace go no further.
     """
     objectives = own or [objective] * len(starts)
 
@@ -284,7 +291,9 @@ def polished(
         if near is not None:
             slopes = list(near_slopes(objective, near, starts))
         runs = [
-            _polishing(its, start, at_start, iterations=iterations, certain=certain)
+            _polishing(
+                its, start, at_start, iterations=iterations, certain=certain, leader=leader
+            )
             for its, start, at_start in zip(objectives, starts, slopes, strict=True)
         ]
         return [found for found, _ in _in_lock_step(objectives, runs)]

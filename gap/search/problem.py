@@ -31,6 +31,8 @@ _SCORED = ("position", "effort", "base_position", "base_orientation")
 _STRETCH, _SCREEN_STRETCH = 1.5, 1.0  # s
 _MOST_STEPS, _RACE_STEPS, _SCREEN_STEPS = 40_000, 12_000, 4_000
 _RACE_STEPS_ON_FEET = 6_000  # of a floating base, whose many channels tell as much in half the time
+_TIMESTEP = 2e-3  # s, MuJoCo's own; parts are simulated no finer where that tells as much
+_TELLS_AS_MUCH = 0.03  # of a gap, which longer steps may change
 _MOST_WHOLE = 80_000
 _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
@@ -77,29 +79,51 @@ class Searched:
     Args:
         fit: what is fitted.
         part: makes a part of so many steps at most, in stretches of so many seconds, that holds its
-            part of some gaps; `fit` itself where it is no longer.
+            part of some gaps, with timesteps so many times longer; `fit` itself where it is no
+            longer.
         on_feet: the robot has a floating base.
+        longer: how many times the timesteps may be.
 
     Attributes:
         race: what candidates are first fitted on.
         screen: short parts, on which every effect is tried.
     """
 
-    def __init__(self, fit: Half, part: Callable[[int, float, Gaps], Half], on_feet: bool):
-        self._fit, self._part = fit, part
+    def __init__(
+        self,
+        fit: Half,
+        part: Callable[[int, float, Gaps, int], Half],
+        *,
+        on_feet: bool,
+        longer: int,
+    ):
+        self._fit, self._part, self._longer = fit, part, longer
         self._race_steps = _RACE_STEPS_ON_FEET if on_feet else _RACE_STEPS
-        self._choose(Gaps(rows={}))
+        self._choose(Gaps(rows={}), 1)
 
     def look_at(self, case: Case) -> None:
         """Chooses them so that they hold their part of what one row of values leaves."""
         if self.screen is self._fit:  # and so is the race
             return
         objective = self._fit.objective
-        self._choose(Gaps.of(objective, objective.simulated([case])[0][0]))
+        gaps = Gaps.of(objective, objective.simulated([case])[0][0])
+        self._choose(gaps, 1)
+        if self._longer > 1:
+            own = self.screen.objective
+            self._choose(gaps, self._longer)
+            if not _tells_as_much(self.screen.objective, own, case):
+                self._choose(gaps, 1)
 
-    def _choose(self, gaps: Gaps) -> None:
-        self.race = self._part(self._race_steps, _STRETCH, gaps)
-        self.screen = self._part(_SCREEN_STEPS, _SCREEN_STRETCH, gaps)
+    def _choose(self, gaps: Gaps, longer: int) -> None:
+        self.race = self._part(self._race_steps, _STRETCH, gaps, longer)
+        self.screen = self._part(_SCREEN_STEPS, _SCREEN_STRETCH, gaps, longer)
+
+
+def _tells_as_much(longer: Objective, own: Objective, case: Case) -> bool:
+    """Whether a gap in every channel is nearly the same with longer timesteps."""
+    (residual,), (other,) = (one.simulated([case])[0] for one in (own, longer))
+    gap, changed = np.sqrt(own.mean_square(np.stack([residual, other - residual])))
+    return bool((changed <= _TELLS_AS_MUCH * np.maximum(gap, own.floor)).all())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,14 +278,21 @@ def build(
         recordings: Sequence[Sequence[Recording]],
         chosen: Sequence[Sequence[Segment]],
         told: tuple[Replay, ...] | None = None,
+        longer: int = 1,
     ) -> Half:
+        def stepped(robot: Robot) -> Robot:
+            return robot.coarsened(longer) if longer > 1 else robot
+
         def finer() -> tuple[Objective, ...]:
-            return tuple(objective(replays(chosen, each, scored)) for each in _FINER)
+            return tuple(
+                objective(replays(chosen, lambda robot: each(stepped(robot)), scored))
+                for each in _FINER
+            )
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
             told=replays([cut(r, window) for r in recordings]) if told is None else told,
-            objective=objective(replays(chosen)),
+            objective=objective(replays(chosen, stepped)),
             make_finer=finer,
         )
 
@@ -297,13 +328,14 @@ def build(
     fit = half(fitted, picked(fitted, share(fitted, _MOST_STEPS)))
     parts: OrderedDict[Hashable, Half] = OrderedDict()
 
-    def part(most: int, stretch: float, gaps: Gaps) -> Half:
+    def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:
         small = share(fitted, most)
         if small == 1:
             return fit
         some = picked(fitted, small, stretch, gaps)
-        key = stretch, tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
-        found = parts.pop(key, None) or half(fitted, some, fit.told)
+        where = tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
+        key = stretch, longer, where
+        found = parts.pop(key, None) or half(fitted, some, fit.told, longer)
         while len(parts) >= _MOST_PARTS:
             parts.popitem(last=False)
         parts[key] = found
@@ -314,7 +346,12 @@ def build(
         joints=joints,
         fit=fit,
         held=half(held_out, picked(held_out, share(held_out, _MOST_STEPS))),
-        searched=Searched(fit, part, any(robot.base for robot in sized)),
+        searched=Searched(
+            fit,
+            part,
+            on_feet=any(robot.base for robot in sized),
+            longer=int(_TIMESTEP / max(robot.model.opt.timestep for robot in robots) + 1e-9),
+        ),
         noise=floor,
         hold=hold,
         window=window,

@@ -197,6 +197,12 @@ class Robot:
             delayed.nsample *= factor
         return replace(self, spec=spec, model=spec.compile())
 
+    def coarsened(self, factor: int) -> Robot:
+        """The same robot with a timestep that is `factor` times longer."""
+        spec = self.spec.copy()
+        spec.option.timestep *= factor
+        return replace(self, spec=spec, model=spec.compile())
+
     def measured(self, joint: str) -> Measurement:
         """What is known of a joint's measurement."""
         return self.measurement.get(joint, Measurement())
