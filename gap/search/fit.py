@@ -214,8 +214,10 @@ def _polishing(
         step = (trials[0] - best.values) / best.structure.scale
         promised = -float(step @ (gradient + 0.5 * normal @ step))
         believed = slopes.sure or (slopes.right and not certain) or (near_enough and kept > 1)
-        behind = best.score - leader > _PACES * max(promised, gain)
-        if believed and (promised < _CONVERGED or behind):
+        if believed and (
+            promised < _CONVERGED
+            or best.score - leader > _PACES * max(gain, best.score - slopes.score(objective, step))
+        ):
             break
         fresh, gain = slopes.fresh, 0.0
         if promised >= _CONVERGED:
@@ -291,9 +293,7 @@ def polished(
         if near is not None:
             slopes = list(near_slopes(objective, near, starts))
         runs = [
-            _polishing(
-                its, start, at_start, iterations=iterations, certain=certain, leader=leader
-            )
+            _polishing(its, start, at_start, iterations=iterations, certain=certain, leader=leader)
             for its, start, at_start in zip(objectives, starts, slopes, strict=True)
         ]
         return [found for found, _ in _in_lock_step(objectives, runs)]

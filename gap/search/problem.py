@@ -284,10 +284,10 @@ def build(
             return robot.coarsened(longer) if longer > 1 else robot
 
         def finer() -> tuple[Objective, ...]:
-            return tuple(
-                objective(replays(chosen, lambda robot: each(stepped(robot)), scored))
-                for each in _FINER
-            )
+            def made(finer: Callable[[Robot], Robot]) -> Objective:
+                return objective(replays(chosen, lambda robot: finer(stepped(robot)), scored))
+
+            return tuple(made(each) for each in _FINER)
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),

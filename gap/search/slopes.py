@@ -51,6 +51,11 @@ class Slopes:
         """Takes out the numerical error."""
         self.residual, self.jacobian = objective.corrected(self.residual, self.jacobian)
 
+    def score(self, objective: Objective, step: FloatArray) -> float:
+        """The score that they foretell after a step, (n_parameters,) in scales."""
+        residual = self.residual + np.tensordot(step, self.jacobian, 1)
+        return float(objective.score(objective.mean_square(residual[None]))[0])
+
     def follow(self, step: FloatArray, residual: FloatArray, weights: FloatArray) -> None:
         """Moves on by a step, (n_parameters,) in scales, to where the residual is another."""
         changed = residual - self.residual

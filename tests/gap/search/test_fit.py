@@ -15,7 +15,7 @@ from walkerkit.gap.effects.base import registered
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
 from walkerkit.gap.search.certainty import INSENSITIVE, at_bound, certainty, covariance
-from walkerkit.gap.search.fit import evaluate, fit, polish
+from walkerkit.gap.search.fit import evaluate, fit, polish, polished
 from walkerkit.gap.search.numerical_error import NumericalError
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.screen import screen
@@ -425,6 +425,20 @@ class TestPolish:
         found, _ = polish(one, far, near_enough=True)
         assert sum(rows) < certain
         np.testing.assert_allclose(found.values, best.values, rtol=0.05)
+
+    def test_what_cannot_catch_up_with_its_leader_goes_no_further(self, problem):
+        robot, recording, _ = problem
+        one, rows = counted(robot, recording)
+        hopeless = structure([robot], armature=["hip"])
+        (start,) = evaluate(one, [(hopeless, hopeless.zero)])
+        rows.clear()
+        (alone,) = polished(one, [start], iterations=20)
+        to_its_end = sum(rows)
+        for leader, least, most in [(alone.score, 0.9, 1.0), (alone.score - 3.0, 0.0, 0.5)]:
+            rows.clear()
+            (found,) = polished(one, [start], iterations=20, leader=leader)
+            assert least * to_its_end <= sum(rows) <= most * to_its_end
+            assert alone.score <= found.score <= start.score + 1e-12
 
     def test_numerical_error_is_taken_out_of_slopes_without_simulating_them_again(self, problem):
         robot, recording, _ = problem

@@ -1,5 +1,7 @@
 """What is searched holds what an explanation leaves."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,23 +12,32 @@ from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.naming import name_effects
-from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.problem import Half, Problem
 from walkerkit.gap.workflow import prepare
 
 LIMIT, JUMP = 3.0, 2.6  # N·m, s
 
 
-@pytest.fixture(scope="module")
-def servo(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+def servo_of(folder: Path, text: str) -> Problem:
     """Slow waves, each with one jump of 0.4 rad, at which alone the hidden limit is met."""
-    model = tmp_path_factory.mktemp("servo") / "servo.xml"
-    model.write_text(SERVO.replace("0.002", "0.001"))
+    model = folder / "servo.xml"
+    model.write_text(text)
     time = np.arange(0.0, 6.0, 1 / 250)
     jump = 0.4 * ((time > JUMP) & (time < JUMP + 0.3))
     targets = [(0.2 * np.sin(w * time) + jump)[:, None] for w in (1.0, 1.3, 1.7)]
     hidden = HiddenEffect(effect="effort_limit", joints=("knee",), values={"forcerange": LIMIT})
     logs = run_hardware(model, targets, rate=250.0, hidden=[hidden], seed=0)
     return prepare(load_experiments(model, logs), window=0.5, n_threads=1).problem("zero_order")
+
+
+@pytest.fixture(scope="module")
+def servo(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    """One of which a timestep of 2 ms tells as much as its own."""
+    return servo_of(tmp_path_factory.mktemp("servo"), SERVO.replace("0.002", "0.001"))
+
+
+def timesteps(half: Half) -> set[float]:
+    return {float(replay.robot.model.opt.timestep) for replay in half.objective.replays}
 
 
 def looks_at_the_jump(problem: Problem) -> bool:
@@ -52,6 +63,31 @@ def test_what_is_rare_is_named(servo: Problem) -> None:
     final = name_effects(servo, effects)[-1].fit
     assert [term.effect.name for term in final.structure.terms] == ["effort_limit"]
     assert final.values[0] == pytest.approx(LIMIT, rel=0.02)
+
+
+def test_parts_take_longer_steps_where_these_tell_as_much(servo: Problem, tmp_path: Path) -> None:
+    (nothing,) = evaluate(servo.fit.objective, [(servo.nothing, np.zeros(0))])
+    servo.searched.look_at(nothing.case)
+    assert timesteps(servo.screen) == {0.002}
+    half, _, quarter = servo.screen.finer
+    assert [float(one.replays[0].robot.model.opt.timestep) for one in (half, quarter)] == [
+        pytest.approx(step) for step in (0.001, 0.0005)
+    ]
+    assert timesteps(servo.fit) == timesteps(servo.held) == {0.001}
+
+    # A drive that shakes within a few milliseconds.
+    stiff = SERVO.replace("0.002", "0.001").replace('kp="30" kv="1"', 'kp="2000" kv="2"')
+    fast = servo_of(tmp_path, stiff)
+    (nothing,) = evaluate(fast.fit.objective, [(fast.nothing, np.zeros(0))])
+    fast.searched.look_at(nothing.case)
+    assert timesteps(fast.screen) == {0.001}
+
+
+def test_parts_never_take_longer_steps_than_mujoco_itself(tmp_path: Path) -> None:
+    longer = servo_of(tmp_path, SERVO)
+    (nothing,) = evaluate(longer.fit.objective, [(longer.nothing, np.zeros(0))])
+    longer.searched.look_at(nothing.case)
+    assert timesteps(longer.screen) == {0.002}
 
 
 def test_what_is_no_longer_is_searched_whole(servo: Problem) -> None:
