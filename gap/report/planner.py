@@ -230,19 +230,27 @@ def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Reco
     half = 0.5 * size * np.array([a.range for a in at])
     held = [held_amplitude(bench.robot, j) if j in set_up.held else np.inf for j in bench.joints]
     most = size * np.array(held)
-    effort = bench.takes == "effort"
     if excitation == RELEASE:
         position = np.tile(middle + half * np.isin(bench.joints, set_up.released), (len(time), 1))
-        sent = 0 * position if effort else position
+        sent = position if bench.takes == "position" else 0 * position
     else:
+        # Positions to move through, but what else a clamped joint takes is played as it is.
+        plain = np.isfinite(most) & (bench.takes != "position")
+        reach = np.minimum(most, np.where(plain, np.inf, half))
+        centre = np.where(plain, 0.0, middle)
+        limits = (
+            None if bench.takes == "effort" else np.where(plain, np.inf, [a.velocity for a in at])
+        )
         sent = BATTERY[excitation](
             time,
-            lower=-most if effort else middle - np.minimum(half, most),
-            upper=most if effort else middle + np.minimum(half, most),
+            lower=centre - reach,
+            upper=centre + reach,
             rng=np.random.default_rng(_SEED),
-            max_velocity=None if effort else np.array([a.velocity for a in at]),
+            max_velocity=limits,
         )
-        position = np.tile(middle, (len(time), 1)) if effort else sent
+        position = np.where(plain, middle, sent)
+        if bench.takes == "velocity":
+            sent = np.where(plain, sent, np.gradient(sent, time, axis=0))
     columns: dict[str, FloatArray] = {}
     for k, joint in enumerate(bench.joints):
         # Only the first sample of the positions is used: the start.

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from walkerkit.actuators.drive import TargetKind
+from walkerkit.actuators.drive import Drive, TargetKind
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
@@ -79,7 +79,7 @@ def set_ups(
     efforts: bool,
     excitations: Sequence[str],
 ) -> tuple[SetUp, ...]:
-    """What can be done with a robot whose joints all take position targets, or all effort.
+    """What can be done with a robot whose joints all take positions, all velocities, or all effort.
 
     Effort that is played to a joint which is free to go would carry it anywhere, so that joints
     which take effort are let go or clamped.
@@ -95,8 +95,10 @@ def set_ups(
         By how much trouble they are, the robot as it is first; none for a robot that can neither be
         sent targets nor held.
     """
-    if takes(robot, joints) == "effort":
+    kind = takes(robot, joints)
+    if kind == "effort":
         return _without_targets(robot, joints, excitations)
+    first = "first target" if kind == "position" else "first position"
     found = [
         SetUp(
             name="as_it_is",
@@ -124,7 +126,7 @@ def set_ups(
     found.append(
         SetUp(
             name="reduced_gain",
-            instruction=f"Set the position gain of every drive to {_GAIN:g} of what it is.",
+            instruction=f"Set the {kind} gain of every drive to {_GAIN:g} of what it is.",
             excitations=steady,
             trouble=1,
             change=lambda trials: _reduce_gain(trials, joints),
@@ -137,7 +139,7 @@ def set_ups(
                 name="motor_off",
                 instruction=(
                     f"Switch the drive{_plural(concerned)} of {_listed(concerned)} off. Hold the "
-                    f"joint{_plural(concerned)} at the first target, start the log, and let go."
+                    f"joint{_plural(concerned)} at the {first}, start the log, and let go."
                     f"{' The other joints hold theirs.' if len(concerned) < len(joints) else ''}"
                 ),
                 excitations=(RELEASE,),
@@ -151,7 +153,7 @@ def set_ups(
         found.append(
             SetUp(
                 name="held_link",
-                instruction=f"Clamp the link behind joint {joint} where its first target is.",
+                instruction=f"Clamp the link behind joint {joint} where its {first} is.",
                 excitations=_of_a_held_link(excitations),
                 trouble=3,
                 change=lambda trials: _clamp(trials, (joint,)),
@@ -162,10 +164,12 @@ def set_ups(
 
 
 def takes(robot: Robot, joints: Sequence[str]) -> TargetKind | None:
-    """What all of these joints can be sent, `position` before `effort`; None where they differ."""
+    """What all of these joints can be sent, `position` before others; None where they differ."""
     of_each = [robot.joints[name] for name in joints]
-    if all(joint.drive("position") is not None for joint in of_each):
-        return "position"
+    kinds: tuple[TargetKind, ...] = ("position", "velocity")
+    for kind in kinds:
+        if all(joint.drive(kind) is not None for joint in of_each):
+            return kind
     if all(drive.kind == "effort" for joint in of_each for drive in joint.drives):
         return "effort"
     return None
@@ -173,11 +177,17 @@ def takes(robot: Robot, joints: Sequence[str]) -> TargetKind | None:
 
 def held_amplitude(robot: Robot, joint: str) -> float:
     """How far the targets of a clamped joint may go, for an effort that it has made already."""
-    if takes(robot, (joint,)) == "effort":
-        return robot.excursion(joint).effort
-    drive = robot.joints[joint].drive("position")
-    stiffness = drive.stiffness if drive else 0.0
-    return robot.excursion(joint).effort / stiffness if stiffness > 0 else 0.0
+    effort, drive = robot.excursion(joint).effort, _servo(robot, joint)
+    if drive is None:
+        return effort
+    gain = drive.stiffness if drive.kind == "position" else drive.damping
+    return effort / gain if gain > 0 else 0.0
+
+
+def _servo(robot: Robot, joint: str) -> Drive | None:
+    """What takes targets of the joint's position, or else of its velocity."""
+    drives = robot.joints[joint]
+    return drives.drive("position") or drives.drive("velocity")
 
 
 def _without_targets(
@@ -223,12 +233,12 @@ def _nothing(trials: Trials) -> None:
 
 def _reduce_gain(trials: Trials, joints: Sequence[str]) -> None:
     for name in joints:
-        drive = trials.robot.joints[name].drive("position")
+        drive = _servo(trials.robot, name)
         if drive is None:
             continue
         bias = trials.field("actuator_biasprm")[:, drive.actuator]
         trials.field("actuator_gainprm")[:, drive.actuator, 0] *= _GAIN
-        bias[:, 1] *= _GAIN
+        bias[:, 1 if drive.kind == "position" else 2] *= _GAIN
         if not drive.in_joint_units:  # then it is part of how a control becomes a position
             bias[:, 0] *= _GAIN
 

@@ -243,10 +243,63 @@ def test_what_a_motor_makes_of_its_command_shows_against_a_clamp(tmp_path: Path)
     assert planned.robot.model.dof_armature[0] > 1e6
 
 
-def test_there_is_none_for_joints_that_take_velocities(tmp_path: Path) -> None:
+def test_joints_that_take_velocities_are_moved_through_their_room(tmp_path: Path) -> None:
     wheel = driven(tmp_path, 'velocity joint="knee" kv="1"')
-    members = [member(wheel, "viscous_friction", 0.2), member(wheel, "viscous_friction", 0.1)]
-    assert next_experiment(wheel, members) is None
+    members = [member(wheel, "viscous_friction", 0.2), member(wheel, "coulomb_friction", 0.1)]
+    planned = next_experiment(wheel, members)
+    assert planned is not None
+    experiment, log = planned.experiment, planned.targets
+    assert (experiment.set_up, experiment.model) == ("as_it_is", None)
+    assert experiment.separation > 5
+    assert set(log.columns) == {"knee/position", "knee/velocity_target"}
+    sent, reached = log.columns["knee/velocity_target"], wheel.robots[0].excursion("knee")
+    assert 0.2 * reached.velocity < np.abs(sent).max() <= 1.01 * reached.velocity
+    # What is sent leads back to where it began, which is in the middle of the room.
+    moved = log.columns["knee/position"][0] + np.cumsum(sent) / log.rate
+    assert 0.3 * reached.range < np.ptp(moved) < 1.05 * reached.range
+    assert abs(moved[-1] - moved[0]) < 0.1 * reached.range
+
+
+@pytest.mark.parametrize("set_up", ["held_link", "motor_off", "reduced_gain"])
+def test_what_is_done_with_a_joint_that_takes_velocities(tmp_path: Path, set_up: str) -> None:
+    wheel = driven(tmp_path, 'velocity joint="knee" kv="1"')
+    members = [member(wheel, "torque_constant", 1.1), member(wheel, "torque_constant", 0.9)]
+    bench = planner._Bench(wheel, members)
+    changes = planner.set_ups(
+        wheel.robots[0], ["knee"], concerned=["knee"], efforts=True, excitations=list(BATTERY)
+    )
+    change = next(one for one in changes if one.name == set_up)
+    log = planner._targets(bench, change, change.excitations[0], 1.0)
+    sent, position = log.columns["knee/velocity_target"], log.columns["knee/position"]
+    effort = bench.predict([log], [change])[0][..., bench.channels.index(EFFORT)]
+    peak = wheel.robots[0].excursion("knee").effort
+    if set_up == "held_link":  # no more than the drive has made already, for the gain of 1
+        assert "where its first position is" in change.instruction
+        assert np.ptp(position) == 0
+        assert 0.5 * peak < np.abs(sent).max() <= 1.01 * peak
+        assert 0.5 * peak < np.abs(effort).max() <= 1.15 * peak
+    elif set_up == "motor_off":
+        assert "at the first position" in change.instruction
+        assert not sent.any()
+        assert not effort.any()
+    elif set_up == "reduced_gain":
+        assert change.instruction == "Set the velocity gain of every drive to 0.3 of what it is."
+        robot = change.changed(wheel.robots[0])
+        assert robot.model.actuator_gainprm[0, 0] == pytest.approx(0.3)
+        assert robot.model.actuator_biasprm[0, :3] == pytest.approx([0.0, 0.0, -0.3])
+
+
+def test_there_is_none_for_joints_of_which_some_take_no_targets(tmp_path: Path) -> None:
+    shin = '<body pos="0 0 -0.25"><joint name="ankle" axis="0 1 0"/><geom size="0.03"/></body>'
+    text = SERVO.replace("</body>", f"{shin}</body>")
+    text = text.replace(DRIVE, f'{DRIVE}<motor joint="ankle"/>')
+    (tmp_path / "mixed.xml").write_text(text)
+    time = np.arange(0.0, 2.0, 0.004)
+    columns = {f"{joint}/position": 0.3 * np.cos(5 * time) for joint in ("knee", "ankle")}
+    columns |= {"knee/position_target": 0.31 * np.cos(5 * time), "ankle/effort_target": 0 * time}
+    mixed = problem(tmp_path / "mixed.xml", [Recording(name="log", time=time, columns=columns)])
+    members = [member(mixed, "viscous_friction", 0.2), member(mixed, "coulomb_friction", 0.1)]
+    assert next_experiment(mixed, members) is None
 
 
 @pytest.mark.parametrize("pushed", [False, True])
