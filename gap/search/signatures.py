@@ -14,6 +14,7 @@ be kept is fitted.
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -244,16 +245,32 @@ def _within(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """The least squares x with some of its numbers moved to their bounds, the others following."""
-    held = np.clip(x[bounded], low, high)
-    if (held == x[bounded]).all():
+    """The x of least squares with some of its numbers within bounds, from the one without."""
+    if (np.clip(x[bounded], low, high) == x[bounded]).all():
         return x
     free = ~bounded
+    others, coupling = matrix[np.ix_(free, free)], matrix[np.ix_(free, bounded)]
+    rest = np.linalg.solve(others, np.column_stack([target[free], coupling]))
+    size = matrix[np.ix_(bounded, bounded)] - coupling.T @ rest[:, 1:]
+    held = _best_within(size, target[bounded] - coupling.T @ rest[:, 0], low, high)
     x = x.copy()
-    x[bounded] = held
-    rest = target[free] - matrix[np.ix_(free, bounded)] @ held
-    x[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
+    x[bounded], x[free] = held, rest[:, 0] - rest[:, 1:] @ held
     return x
+
+
+def _best_within(
+    matrix: FloatArray, target: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Minimises ½ xᵀAx − bᵀx within bounds, of few numbers: each is free or at one of its two."""
+    which = np.array(list(itertools.product((0, -1, 1), repeat=len(target))))
+    at_bound = np.where(which < 0, low, high)
+    rows = np.where((which == 0)[:, :, None], matrix, np.eye(len(target)))
+    x = np.linalg.solve(rows, np.where(which == 0, target, at_bound)[:, :, None])[:, :, 0]
+    x = np.where(which == 0, x, at_bound)  # to the last digit
+    cost = 0.5 * np.einsum("ni,ij,nj->n", x, matrix, x) - x @ target
+    cost[((x < low) | (x > high)).any(axis=1)] = np.inf
+    best: FloatArray = x[int(np.argmin(cost))]
+    return best
 
 
 def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:

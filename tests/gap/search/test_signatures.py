@@ -6,13 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from tests.gap.search.test_naming import LEG, hide, problem_of
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search.fit import evaluate, fit
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.signatures import View, look
+from walkerkit.gap.search.signatures import View, _within, look
 from walkerkit.gap.search.structure import Term, candidate_terms
 
 EFFECTS = ("viscous_friction", "torque_bias", "position_gain", "payload", "sensor_delay")
@@ -96,3 +97,22 @@ def test_a_shared_effect_of_one_joint_is_looked_at_joint_by_joint(seen: Look) ->
     best = view.candidates[int(np.argmin(promised))].term
     assert (best.effect.name, best.sites, best.shared) == ("sensor_delay", ("knee",), False)
     assert len(view.candidates) > len(terms)
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(("free", "bounded"), [(0, 3), (2, 3), (4, 2), (3, 1)])
+def test_factors_with_bounds_are_those_of_least_squares(seed: int, free: int, bounded: int) -> None:
+    # What halves and quarters of a timestep change is nearly the same.
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(50, free + bounded)) + 3.0 * rng.normal(size=(50, 1))
+    right = columns @ rng.normal(scale=3.0, size=free + bounded) + rng.normal(size=50)
+    matrix, target = columns.T @ columns, columns.T @ right
+    of_bounded = np.zeros(free + bounded, dtype=bool)
+    of_bounded[rng.choice(free + bounded, bounded, replace=False)] = True
+    low, high = np.array([0.0, -2.0, 0.0])[:bounded], np.array([2.0, 2.0, 2.5])[:bounded]
+    lower, upper = np.full(free + bounded, -np.inf), np.full(free + bounded, np.inf)
+    lower[of_bounded], upper[of_bounded] = low, high
+    best = lsq_linear(columns, right, bounds=(lower, upper), tol=1e-14)
+    x = _within(matrix, target, np.linalg.solve(matrix, target), of_bounded, low, high)
+    assert ((x >= lower) & (x <= upper)).all()
+    assert np.square(columns @ x - right).sum() == pytest.approx(2 * best.cost, rel=1e-6)
