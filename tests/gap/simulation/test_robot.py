@@ -109,6 +109,27 @@ class TestRefined:
         assert robot.refined(2, other_integrator=True).model.opt.integrator == other
 
 
+class TestCoarsened:
+    def test_step_is_longer_and_the_original_is_left_alone(self, robot):
+        coarser = robot.coarsened(2)
+        assert coarser.model.opt.timestep == pytest.approx(0.004)
+        assert robot.model.opt.timestep == robot.spec.option.timestep == 0.002
+        assert coarser.joints is robot.joints
+        assert coarser.refined(2).model.opt.timestep == pytest.approx(0.002)
+
+    def test_delays_last_as_long_as_before(self, robot):
+        coarser = robot.coarsened(2)
+        lags = []
+        for model in (robot.model, coarser.model):
+            data = mujoco.MjData(model)
+            while data.actuator_force[3] < 25.0:
+                data.ctrl[3] = 10.0
+                mujoco.mj_step(model, data)
+            lags.append(data.time)
+        assert lags[1] == pytest.approx(lags[0], abs=coarser.model.opt.timestep)
+        assert lags[0] >= 0.01
+
+
 class TestSources:
     def reference(self):
         return mujoco.MjModel.from_xml_string(MODEL)
