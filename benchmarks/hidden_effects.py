@@ -3,10 +3,12 @@
     python -m benchmarks hidden_effects [--quick]
     python -m benchmarks.hidden_effects --tier one_effect --cases 40 --out one_effect.jsonl
 
-Tiers, cases and seeds are frozen; see `benchmarks.hidden.cases`. With `--out` each outcome is added
-to a file as it comes, and cases that are in the file already are not run again: a long run can be
-stopped, resumed, and split by tier. Cases run on one thread each, in processes of this machine or,
-with `--engine` and `--address`, on a Ray or Dask cluster whose machines have this checkout.
+Tiers, cases and seeds are frozen; see `benchmarks.hidden.cases`. The workflow was written in view of
+them: `--draw 1`, 2, … has as many others, of robots with other numbers, logged at other rates.
+With `--out` each outcome is added to a file as it comes, and cases that are in the file already are
+not run again: a long run can be stopped, resumed, and split by tier. Cases run on one thread each,
+in processes of this machine or, with `--engine` and `--address`, on a Ray or Dask cluster whose
+machines have this checkout.
 """
 
 from __future__ import annotations
@@ -82,15 +84,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.hidden_effects")
     parser.add_argument("--tier", choices=TIERS, action="append", help="one or more; else all")
     parser.add_argument("--cases", type=int, metavar="N", help="of each tier, spread over all")
+    parser.add_argument("--draw", type=int, default=0, metavar="N", help="other cases and robots")
     parser.add_argument("--only", metavar="NAME", action="append", help="cases by name")
     parser.add_argument("--out", type=Path, metavar="FILE", help="JSON lines; resumed from")
     parser.add_argument("--jobs", type=int, metavar="N", help="cases at a time")
     parser.add_argument("--engine", choices=engines.ENGINES, default=engines.PROCESSES)
     parser.add_argument("--address", help="of a Ray or Dask cluster that runs")
     asked = parser.parse_args()
-    chosen = [case for tier in asked.tier or TIERS for case in cases(tier, asked.cases)]
+    if asked.draw < 0:
+        parser.error(f"--draw is {asked.draw}; draws count from 0")
+    count = None if asked.only else asked.cases
+    chosen = [c for tier in asked.tier or TIERS for c in cases(tier, count, draw=asked.draw)]
     if asked.only:
-        chosen = [case for tier in TIERS for case in cases(tier) if case.name in asked.only]
+        chosen = [case for case in chosen if case.name in asked.only]
     table = Table("what", "result", "required")
     options = {"jobs": asked.jobs, "engine": asked.engine, "address": asked.address}
     for row in rows(list(outcomes(chosen, out=asked.out, **options))):

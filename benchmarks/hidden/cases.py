@@ -3,7 +3,10 @@
     case = cases("one_effect")[17]
     case.name                       # "one_effect-017"
 
-A case does not depend on how many are run, on the catalogue or on the machine.
+A case does not depend on how many are run, on the catalogue or on the machine. Each draw is as many
+cases again, of other pairs, places and sizes; from the second on, draw 1, also of other robots:
+
+    cases("one_effect", draw=1)[17].name                        # "one_effect-017/1"
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from __future__ import annotations
 import itertools
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -20,6 +23,7 @@ from walkerkit.gap.rehearsal.hideable import HIDEABLE, NAMELESS
 
 Channels = Literal["q", "q+qd", "q+qd+tau"]
 Off = Literal["", "substeps", "timestep", "integrator", "nuisance"]
+_Tier = Callable[[str, np.random.Generator], list["Case"]]
 
 SIGNALS: Final[Mapping[Channels, tuple[str, ...]]] = {
     "q": ("position_target", "position"),
@@ -52,6 +56,7 @@ class Case:
         body: the body that has a body's effect; drawn by default.
         removed: the workflow does not know the hidden effects.
         off: what else is not as in the model.
+        draw: which draw it is of; from 1 on, the robot has other numbers and its log another rate.
     """
 
     tier: str
@@ -63,22 +68,27 @@ class Case:
     body: str | None = None
     removed: bool = False
     off: Off = ""
+    draw: int = 0
 
     @property
     def name(self) -> str:
         """What it is called in results."""
-        return f"{self.tier}-{self.number:03d}"
+        return f"{self.tier}-{self.number:03d}{f'/{self.draw}' if self.draw else ''}"
 
     @property
     def seed(self) -> int:
         """Of everything that is drawn for it."""
         return zlib.crc32(self.name.encode())
 
+    @property
+    def robot(self) -> int | None:
+        """Seed of its robot's numbers; None for those of the rig as it is."""
+        return self.seed if self.draw else None
 
-def _one_effect(channels: Channels) -> Callable[[str], list[Case]]:
-    def cases_of(tier: str) -> list[Case]:
+
+def _one_effect(channels: Channels) -> _Tier:
+    def cases_of(tier: str, rng: np.random.Generator) -> list[Case]:
         """Every effect on one rig of the two, then every effect on the other."""
-        rng = _random(tier)
         rigs = {effect: int(rng.integers(2)) for effect in _EVERY}
         chosen = [
             (str(effect), ("pendulum", "leg")[(rigs[str(effect)] + turn) % 2])
@@ -93,9 +103,8 @@ def _one_effect(channels: Channels) -> Callable[[str], list[Case]]:
     return cases_of
 
 
-def _two_effects(tier: str) -> list[Case]:
+def _two_effects(tier: str, rng: np.random.Generator) -> list[Case]:
     """Pairs of effects, each effect in three or two."""
-    rng = _random(tier)
     pairs: list[tuple[str, str]] = []
     for _ in range(3):
         order = [str(effect) for effect in rng.permutation(list(HIDEABLE))]
@@ -106,9 +115,8 @@ def _two_effects(tier: str) -> list[Case]:
     ]
 
 
-def _nothing(tier: str) -> list[Case]:
+def _nothing(tier: str, rng: np.random.Generator) -> list[Case]:
     """Nothing hidden, and numbers off that are no effect, under all channels."""
-    rng = _random(tier)
     kinds = list(itertools.product(("pendulum", "leg"), SIGNALS, _OFF))
     order = [kinds[int(k)] for _ in range(3) for k in rng.permutation(len(kinds))]
     return [
@@ -117,9 +125,8 @@ def _nothing(tier: str) -> list[Case]:
     ]
 
 
-def _outside(tier: str) -> list[Case]:
+def _outside(tier: str, rng: np.random.Generator) -> list[Case]:
     """What the workflow has no name for: an effect that it is not told of, or a trouble."""
-    rng = _random(tier)
     taken = [str(e) for e in rng.permutation([e for e in HIDEABLE if e not in _TOLD_ALIKE])]
     troubles = [(trouble, rig) for trouble in NAMELESS for rig in ("leg", "pendulum")]
     chosen: list[tuple[str, str]] = []
@@ -140,9 +147,9 @@ def _outside(tier: str) -> list[Case]:
     ]
 
 
-def _one_of_twelve(tier: str) -> list[Case]:
+def _one_of_twelve(tier: str, rng: np.random.Generator) -> list[Case]:
     """An effect in one joint of a quadruped."""
-    order = _random(tier).permutation(_OF_A_JOINT)
+    order = rng.permutation(_OF_A_JOINT)
     return [
         Case(
             tier=tier,
@@ -156,7 +163,7 @@ def _one_of_twelve(tier: str) -> list[Case]:
     ]
 
 
-def _standing(tier: str) -> list[Case]:
+def _standing(tier: str, _: np.random.Generator) -> list[Case]:
     """An effect of the ground or of the trunk, under a quadruped on its feet."""
     effects = ("ground_friction", "ground_compliance", "payload", "com_offset")
     return [
@@ -172,11 +179,7 @@ def _standing(tier: str) -> list[Case]:
     ]
 
 
-def _random(tier: str) -> np.random.Generator:
-    return np.random.default_rng(zlib.crc32(tier.encode()))
-
-
-TIERS: Final[Mapping[str, Callable[[str], list[Case]]]] = {
+TIERS: Final[Mapping[str, _Tier]] = {
     "one_effect": _one_effect("q+qd+tau"),
     "one_effect_q_qd": _one_effect("q+qd"),
     "one_effect_q": _one_effect("q"),
@@ -189,11 +192,14 @@ TIERS: Final[Mapping[str, Callable[[str], list[Case]]]] = {
 """The tiers by name, each with what makes its cases."""
 
 
-def cases(tier: str, count: int | None = None) -> list[Case]:
+def cases(tier: str, count: int | None = None, *, draw: int = 0) -> list[Case]:
     """The cases of a tier.
 
     Args:
         tier: name of the tier.
         count: how many of them, the first ones, which are a fair sample; all by default.
+        draw: which draw of them.
     """
-    return TIERS[tier](tier)[:count]
+    label = f"{tier}/{draw}" if draw else tier
+    every = TIERS[tier](tier, np.random.default_rng(zlib.crc32(label.encode())))
+    return [replace(case, draw=draw) for case in every[:count]]

@@ -2,6 +2,7 @@
 
 path = write_rig("leg", folder)                               # the model
 real = write_rig("leg", folder, nuisance=rng)                 # its numbers a little off
+other = write_rig("leg", folder, robot=7)                     # a robot with other numbers
 targets = experiments("leg", path, seed=0)                    # name to (T, n_joints)
 """
 
@@ -26,7 +27,7 @@ from walkerkit.walkers.quadruped import QUADRUPED_XML
 FloatArray = NDArray[np.float64]
 
 RATE: Final = 500.0
-"""Samples a second."""
+"""Samples a second, of the robots as they are."""
 SECONDS: Final = 12.0
 """Of an experiment."""
 NUISANCE: Final = 0.2
@@ -37,6 +38,12 @@ EXPERIMENTS: Final[Mapping[str, tuple[tuple[str, float], ...]]] = {
     "mixture": (("multisine", 4.0), ("steps", 4.0), ("slow_triangle", 4.0)),
 }
 """What is asked of the robots: excitations with their seconds; the last is held out."""
+RATES: Final = (250.0, 500.0, 1000.0)
+"""Samples a second, of robots with other numbers."""
+HEAVIER: Final = (0.3, 5.0)
+"""How much heavier, with stronger drives, a robot with other numbers may be."""
+OTHERWISE: Final = (0.6, 1.8)
+"""Factors on each joint's gains, armature, damping and frictionloss beyond that."""
 
 _SPEED = 6.0  # rad/s
 _HANG = 0.8  # m, of the quadruped's trunk over the floor that is not there
@@ -110,6 +117,7 @@ def write_rig(
     coarser: float = 1.0,
     integrator: mujoco.mjtIntegrator | None = None,
     nuisance: np.random.Generator | None = None,
+    robot: int | None = None,
 ) -> Path:
     """Writes a robot's MJCF.
 
@@ -120,11 +128,14 @@ def write_rig(
         coarser: factor on its timestep.
         integrator: in place of its own.
         nuisance: draws factors on the armature, damping and frictionloss of each joint.
+        robot: seed of a robot with other numbers; the robot as it is by default.
 
     Returns:
         Path of the file.
     """
     spec = RIGS[name]()
+    if robot is not None:
+        _renumber(spec, np.random.default_rng(robot))
     spec.compile()
     spec.option.timestep *= coarser
     if integrator is not None:
@@ -141,7 +152,42 @@ def write_rig(
     return path
 
 
-def experiments(rig: str, path: Path, *, seed: int, shorter: float = 1.0) -> dict[str, FloatArray]:
+def rate_of(rig: str, robot: int | None) -> float:
+    """Samples a second of a robot's log; see `write_rig` for the robots."""
+    if robot is None or rig == "standing_quadruped":
+        return RATE
+    return float(np.random.default_rng(robot).choice(RATES))
+
+
+def _renumber(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
+    """Makes another robot of the same build: heavier or lighter, with drives to match."""
+    weight = float(np.exp(rng.uniform(*np.log(HEAVIER))))
+
+    def other() -> float:
+        return weight * float(np.exp(rng.uniform(*np.log(OTHERWISE))))
+
+    for body in spec.bodies:
+        if body.explicitinertial:
+            body.mass *= weight
+            body.inertia = weight * np.asarray(body.inertia)
+    for geom in spec.geoms:
+        geom.mass *= weight  # NaN where its density says it
+        geom.density *= weight
+    for joint in spec.joints:
+        joint.armature *= other()
+        joint.damping = other() * np.asarray(joint.damping)
+        joint.frictionloss *= other()
+    for servo in spec.actuators:
+        kp, kv = other(), other()
+        servo.gainprm[0] *= kp
+        servo.biasprm[1] *= kp
+        servo.biasprm[2] *= kv
+        servo.forcerange = weight * np.asarray(servo.forcerange)
+
+
+def experiments(
+    rig: str, path: Path, *, seed: int, shorter: float = 1.0, rate: float = RATE
+) -> dict[str, FloatArray]:
     """Targets of the three experiments, around the robot's home pose.
 
     Args:
@@ -149,9 +195,10 @@ def experiments(rig: str, path: Path, *, seed: int, shorter: float = 1.0) -> dic
         path: its MJCF.
         seed: of phases and levels.
         shorter: by which their time is divided.
+        rate: samples a second; `RATE` for a robot that stands.
 
     Returns:
-        Name to position targets, (T, n_joints) at `RATE` [rad].
+        Name to position targets, (T, n_joints) at `rate` [rad].
     """
     if rig == "standing_quadruped":
         return standing_targets(np.random.default_rng(seed), seconds=SECONDS / shorter)
@@ -165,7 +212,7 @@ def experiments(rig: str, path: Path, *, seed: int, shorter: float = 1.0) -> dic
         name: np.concatenate(
             [
                 BATTERY[signal](
-                    np.arange(round(seconds / shorter * RATE)) / RATE,
+                    np.arange(round(seconds / shorter * rate)) / rate,
                     lower=lower,
                     upper=upper,
                     rng=rng,

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.hidden.cases import SIGNALS, Case
 from benchmarks.hidden.outcome import Hidden, Named, Outcome, Value
-from benchmarks.hidden.rigs import RATE, experiments, write_rig
+from benchmarks.hidden.rigs import experiments, rate_of, write_rig
 from benchmarks.hidden.truths import truth
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
@@ -114,7 +114,7 @@ def _given(case: Case, folder: Path) -> Path:
     elif case.off == "timestep":
         coarser = _NUDGED
     euler = mujoco.mjtIntegrator.mjINT_EULER if case.off == "integrator" else None
-    return write_rig(case.rig, folder, coarser=coarser, integrator=euler)
+    return write_rig(case.rig, folder, coarser=coarser, integrator=euler, robot=case.robot)
 
 
 def _recorded(
@@ -122,10 +122,11 @@ def _recorded(
 ) -> tuple[Sequence[Recording], tuple[HiddenEffect, ...]]:
     """The logs and what is hidden in them."""
     nuisance = rng if case.off == "nuisance" else None
-    real = write_rig(case.rig, folder, file="real.xml", nuisance=nuisance)
+    real = write_rig(case.rig, folder, file="real.xml", nuisance=nuisance, robot=case.robot)
     substeps = 8 if case.off == "substeps" else 4
     seed = case.seed % _TARGETS
-    targets = experiments(case.rig, real, seed=seed, shorter=shorter)
+    rate = rate_of(case.rig, case.robot)
+    targets = experiments(case.rig, real, seed=seed, shorter=shorter, rate=rate)
     sent = list(targets.values())
     noise = case.seed
 
@@ -133,7 +134,7 @@ def _recorded(
         return run_hardware(
             real,
             sent,
-            rate=RATE,
+            rate=rate,
             hidden=hidden,
             seed=noise,
             substeps=substeps,
@@ -144,7 +145,7 @@ def _recorded(
     names = [name for name in case.hide if name != "timestep"]
     if not names:
         return run(()), ()
-    nominal = _nominal(case.rig, seed, shorter)
+    nominal = _nominal(case.rig, case.robot, seed, shorter)
     hidden = []
     for name in names:
         places = None if case.body is None else [case.body]
@@ -153,20 +154,29 @@ def _recorded(
             places = [every[int(rng.integers(len(every)))]]
         signals = [s for s in SIGNALS[case.channels] if s in ("position", "effort")]
         one, _ = draw_loud(
-            real, sent, rng, [name], nominal=nominal, seed=seed, places=places, signals=signals
+            real,
+            sent,
+            rng,
+            [name],
+            nominal=nominal,
+            seed=seed,
+            places=places,
+            signals=signals,
+            rate=rate,
         )
         hidden.append(one)
     return run(hidden), tuple(hidden)
 
 
 @functools.cache
-def _nominal(rig: str, seed: int, shorter: float) -> tuple[Recording, ...]:
+def _nominal(rig: str, robot: int | None, seed: int, shorter: float) -> tuple[Recording, ...]:
     """Logs of a rig with nothing hidden."""
+    rate = rate_of(rig, robot)
     with tempfile.TemporaryDirectory() as folder:
-        path = write_rig(rig, Path(folder))
-        targets = experiments(rig, path, seed=seed, shorter=shorter)
+        path = write_rig(rig, Path(folder), robot=robot)
+        targets = experiments(rig, path, seed=seed, shorter=shorter, rate=rate)
         return tuple(
-            run_hardware(path, list(targets.values()), rate=RATE, seed=seed, names=list(targets))
+            run_hardware(path, list(targets.values()), rate=rate, seed=seed, names=list(targets))
         )
 
 

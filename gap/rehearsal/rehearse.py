@@ -107,6 +107,7 @@ def draw_loud(
     places: Sequence[str] | None = None,
     signals: Sequence[str] = ("position", "effort"),
     substeps: int = 4,
+    rate: float = RATE,
 ) -> tuple[HiddenEffect, list[Recording]]:
     """Draws an effect that shows in the last experiment, so that finding it can be asked for.
 
@@ -123,6 +124,7 @@ def draw_loud(
         places: the joints or the body that have it, as for `draw_hidden`; drawn by default.
         signals: where it has to show, in one of them.
         substeps: as for `run_hardware`.
+        rate: samples a second.
 
     Returns:
         The effect and the experiments with it.
@@ -136,7 +138,13 @@ def draw_loud(
         for _ in range(_GROWTHS):
             try:
                 found = run_hardware(
-                    model, targets, seed=seed, hidden=[hidden], names=names, substeps=substeps
+                    model,
+                    targets,
+                    rate=rate,
+                    seed=seed,
+                    hidden=[hidden],
+                    names=names,
+                    substeps=substeps,
                 )
             except RuntimeError:
                 hidden = hidden.stronger(1 / _GROWTH**2)

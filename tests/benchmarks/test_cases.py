@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden.cases import SIGNALS, TIERS, cases
-from benchmarks.hidden.rigs import EXPERIMENTS, NUISANCE, RATE, RIGS, experiments, write_rig
+from benchmarks.hidden.rigs import (
+    EXPERIMENTS,
+    HEAVIER,
+    NUISANCE,
+    OTHERWISE,
+    RATE,
+    RIGS,
+    experiments,
+    write_rig,
+)
 from benchmarks.hidden.truths import truth
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.rehearsal.hardware_drive import load_rig
@@ -42,6 +51,16 @@ def test_every_effect_but_the_ground_s_is_hidden_on_either_rig(tier):
     assert {case.rig for case in cases(tier, 8)} == {"pendulum", "leg"}
 
 
+@pytest.mark.parametrize("tier", TIERS)
+def test_other_draws_are_as_many_other_cases(tier):
+    first, second = cases(tier), cases(tier, draw=2)
+    assert len(first) == len(second)
+    assert {case.seed for case in first}.isdisjoint(case.seed for case in second)
+    assert {case.robot for case in first} == {None}
+    assert None not in {case.robot for case in second}
+    assert {case.tier for case in second} == {tier}
+
+
 def test_every_effect_is_hidden_beside_another():
     assert {name for case in cases("two_effects") for name in case.hide} == set(HIDEABLE)
     assert all(len(set(case.hide)) == 2 for case in cases("two_effects"))
@@ -73,6 +92,19 @@ class TestRigs:
         assert 0 < np.abs(off).max() <= NUISANCE
         assert len(set(off)) == 3
         np.testing.assert_array_equal(real.body_mass, model.body_mass)
+
+    @pytest.mark.parametrize("name", RIGS)
+    def test_have_other_numbers_as_other_robots(self, tmp_path, name):
+        model, drives = load_rig(write_rig(name, tmp_path))
+        (one, ones), (two, _) = (load_rig(write_rig(name, tmp_path, robot=i)) for i in (1, 2))
+        assert one.body_mass.sum() != pytest.approx(two.body_mass.sum(), rel=0.05)
+        weight = one.body_mass.sum() / model.body_mass.sum()
+        assert HEAVIER[0] < weight < HEAVIER[1]
+        np.testing.assert_allclose(one.body_inertia, weight * model.body_inertia, rtol=1e-5)
+        gains = ones.gain / drives.gain / weight
+        assert np.all((gains > OTHERWISE[0]) & (gains < OTHERWISE[1]))
+        np.testing.assert_allclose(-ones.bias[1], ones.gain)
+        np.testing.assert_allclose(ones.effort_range, weight * drives.effort_range, rtol=1e-5)
 
     def test_experiments_take_twelve_seconds_within_the_joints_ranges(self, tmp_path):
         path = write_rig("leg", tmp_path)
