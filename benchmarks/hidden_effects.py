@@ -4,11 +4,11 @@
     python -m benchmarks.hidden_effects --tier one_effect --cases 40 --out one_effect.jsonl
 
 Tiers, cases and seeds are frozen; see `benchmarks.hidden.cases`. The workflow was written with
-them in view: `--draw 1`, 2, … has as many others, of robots with other numbers, logged at other rates.
-With `--out` each outcome is added to a file as it comes, and cases that are in the file already are
-not run again: a long run can be stopped, resumed, and split by tier. Cases run on one thread each,
-in processes of this machine or, with `--engine` and `--address`, on a Ray or Dask cluster whose
-machines have this checkout.
+them in view: `--draw 1`, 2, … has as many others, of robots with other numbers, logged at other
+rates. With `--out` each outcome is added to a file as it comes, and cases that are in the file
+already are not run again: a long run can be stopped, resumed, and split by tier. Cases run on one
+thread each, in processes of this machine or, with `--engine` and `--address`, on a Ray or Dask
+cluster whose machines have this checkout.
 """
 
 from __future__ import annotations
