@@ -128,6 +128,7 @@ class LoopDelay(LawEffect):
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """The delay from measurement to effort."""
         known = self.known(robot, site)["delay"]
+        longest = max(_LONGEST_LOOP, 2 * known)
         # As all have it, no more than the most nervous of them bears.
         time = min(
             min(_damping_time(robot, name), _inertia_time(robot, name))
@@ -139,9 +140,9 @@ class LoopDelay(LawEffect):
                 unit="s",
                 zero=known,
                 lower=0.0,
-                upper=max(_LONGEST_LOOP, 2 * known),
+                upper=longest,
                 scale=0.001,
-                starts=tuple(part * time for part in (1.2, 0.8, 0.5, 0.25, 0.1)),
+                starts=tuple(min(part * time, longest) for part in (1.2, 0.8, 0.5, 0.25, 0.1)),
             ),
         )
 
