@@ -14,7 +14,8 @@ from rich.table import Table
 from rich.text import Text
 
 from walkerkit.gap.report import wording
-from walkerkit.gap.report.diagnosis import Estimate, Gap
+from walkerkit.gap.report.diagnosis import Estimate
+from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.replayed import gap_of, replay_half
 from walkerkit.gap.search.problem import Problem

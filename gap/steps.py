@@ -26,8 +26,9 @@ from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.fitted import Fitted, FittedEffect
 from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.report.diagnosis import Gap, Location, Trace
+from walkerkit.gap.report.diagnosis import Trace
 from walkerkit.gap.report.estimates import estimates
+from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import locate as rank
 from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces
 from walkerkit.gap.search.certainty import covariance

@@ -20,7 +20,7 @@ from types import ModuleType
 import numpy as np
 
 from walkerkit import gap
-from walkerkit.gap.report.diagnosis import Gap
+from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.search.problem import Problem
 
 _EXAMPLES = str(Path(__file__).resolve().parents[2] / "examples")

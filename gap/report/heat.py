@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from walkerkit.gap.report import wording
-from walkerkit.gap.report.diagnosis import GapMap, Location
+from walkerkit.gap.report.gaps import GapMap, Location
 from walkerkit.gap.report.quantity import Scale, number, percent, scale
 from walkerkit.gap.report.regimes import EVERYWHERE, REGIMES
 

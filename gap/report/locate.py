@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.report.diagnosis import Location
+from walkerkit.gap.report.gaps import Location
 from walkerkit.gap.report.regimes import EVERYWHERE, regimes
 from walkerkit.gap.simulation.replay import Channel, Replay
 

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.effects.equivalences import spelled_out
 from walkerkit.gap.recordings.wiring import named_errors
-from walkerkit.gap.report.diagnosis import Gap, NamedEffect, Verdict
+from walkerkit.gap.report.diagnosis import NamedEffect, Verdict
+from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.search.problem import Problem
 

@@ -15,15 +15,8 @@ from typing import Any
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.report import figures, wording
-from walkerkit.gap.report.diagnosis import (
-    Considered,
-    Diagnosis,
-    GapSize,
-    Hint,
-    Location,
-    NamedEffect,
-    Trace,
-)
+from walkerkit.gap.report.diagnosis import Considered, Diagnosis, Hint, NamedEffect, Trace
+from walkerkit.gap.report.gaps import GapSize, Location
 from walkerkit.gap.report.heat import HeatMap, heat_map
 from walkerkit.gap.report.html import write_html
 from walkerkit.gap.report.quantity import percent, quantity, span

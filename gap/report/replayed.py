@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.recordings.segments import cut
 from walkerkit.gap.recordings.state import with_more_noise
-from walkerkit.gap.report.diagnosis import Gap, GapMap, GapSize, Trace
+from walkerkit.gap.report.diagnosis import Trace
+from walkerkit.gap.report.gaps import Gap, GapMap, GapSize
 from walkerkit.gap.report.locate import gap_map
 from walkerkit.gap.report.regimes import regimes
 from walkerkit.gap.search.problem import Half, Problem, channel_noise

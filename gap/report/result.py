@@ -13,12 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.wiring import named_errors
-from walkerkit.gap.report.diagnosis import (
-    Considered,
-    Diagnosis,
-    Gap,
-    Verdict,
-)
+from walkerkit.gap.report.diagnosis import Considered, Diagnosis, Verdict
+from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.locate import standing_out
 from walkerkit.gap.report.named import confusion_set, named_effects
 from walkerkit.gap.report.notes import notes

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.report import wording
-from walkerkit.gap.report.diagnosis import GapSize, Trace
+from walkerkit.gap.report.diagnosis import Trace
+from walkerkit.gap.report.gaps import GapSize
 from walkerkit.gap.report.quantity import scale
 
 FloatArray = NDArray[np.float64]

@@ -8,16 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from walkerkit.gap.report.diagnosis import (
-    Diagnosis,
-    Estimate,
-    Gap,
-    GapSize,
-    Hint,
-    Location,
-    NamedEffect,
-    NextExperiment,
-)
+from walkerkit.gap.report.diagnosis import Diagnosis, Estimate, Hint, NamedEffect, NextExperiment
+from walkerkit.gap.report.gaps import Gap, GapSize, Location
 from walkerkit.gap.report.quantity import estimate_text, percent, quantity, span
 from walkerkit.gap.report.regimes import EVERYWHERE as EVERY_REGIME
 from walkerkit.gap.report.set_ups import RELEASE

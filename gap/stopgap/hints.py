@@ -13,7 +13,8 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from walkerkit.gap.report.diagnosis import Diagnosis, GapSize, Hint
+from walkerkit.gap.report.diagnosis import Diagnosis, Hint
+from walkerkit.gap.report.gaps import GapSize
 from walkerkit.gap.report.regimes import EVERYWHERE
 from walkerkit.gap.stopgap.learned import LearnedDrive, learned_drive
 from walkerkit.gap.stopgap.residual import residual_effort

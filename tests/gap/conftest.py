@@ -12,14 +12,11 @@ from walkerkit.gap.report.diagnosis import (
     Considered,
     Diagnosis,
     Estimate,
-    Gap,
-    GapMap,
-    GapSize,
-    Location,
     NamedEffect,
     NextExperiment,
     Trace,
 )
+from walkerkit.gap.report.gaps import Gap, GapMap, GapSize, Location
 
 LegDiagnosis = Callable[..., Diagnosis]
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.report import figures
-from walkerkit.gap.report.diagnosis import Diagnosis, GapSize
+from walkerkit.gap.report.diagnosis import Diagnosis
+from walkerkit.gap.report.gaps import GapSize
 
 LegDiagnosis = Callable[..., Diagnosis]
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from walkerkit.gap.report.diagnosis import GapMap, Location
+from walkerkit.gap.report.gaps import GapMap, Location
 from walkerkit.gap.report.heat import LEVELS, heat_map
 from walkerkit.gap.report.regimes import EVERYWHERE
 

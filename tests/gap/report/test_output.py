@@ -20,7 +20,7 @@ from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
-from walkerkit.gap.report.diagnosis import Gap
+from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.output import check_folder
 from walkerkit.tasks.excitation import BATTERY
 

@@ -19,7 +19,8 @@ import pytest
 
 from walkerkit.gap import Recording, compare
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.report.diagnosis import Diagnosis, GapSize, Hint, Verdict
+from walkerkit.gap.report.diagnosis import Diagnosis, Hint, Verdict
+from walkerkit.gap.report.gaps import GapSize
 from walkerkit.gap.report.page import write_report
 
 LegDiagnosis = Callable[..., Diagnosis]

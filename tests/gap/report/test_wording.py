@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from walkerkit.gap.report import wording
-from walkerkit.gap.report.diagnosis import Diagnosis, GapSize
+from walkerkit.gap.report.diagnosis import Diagnosis
+from walkerkit.gap.report.gaps import GapSize
 
 LegDiagnosis = Callable[..., Diagnosis]
 

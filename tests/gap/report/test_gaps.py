@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tests.gap.conftest import LegDiagnosis
-from walkerkit.gap.report.diagnosis import GapSize
+from walkerkit.gap.report.gaps import GapSize
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,137 @@
+"""How large the gap is, of all joints and of each, of every signal, and where it lives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+_CLEARLY = 4.0  # a gap over the timestep's own error that this cannot be taken for
+_AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
+_MOSTLY = 0.5  # of the way to its floor, which an explained gap has gone
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapSize:
+    """Root-mean-square difference between simulation and measurement.
+
+    Attributes:
+        unit: unit of the numbers.
+        before: with the model as it was given.
+        after: with the named effects added.
+        noise_floor: what the measurement's own noise leaves, in the log and in the measured states
+            from which replays restart.
+        numerical_floor: what the simulation's own timestep leaves.
+    """
+
+    unit: str
+    before: float
+    after: float
+    noise_floor: float
+    numerical_floor: float = 0.0
+
+    @property
+    def floor(self) -> float:
+        """What noise and timestep leave together."""
+        return math.hypot(self.noise_floor, self.numerical_floor)
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether no gap is left that is worth the word."""
+        return self.after <= _AT_FLOOR * self.floor
+
+    @property
+    def closed(self) -> float:
+        """How much of the way to the floor was gone, as of ratios, 0 to 1."""
+        if self.at_floor:
+            return 1.0
+        whole = math.log(max(self.before / self.floor, 1.0 + 1e-9))
+        return min(max(math.log(self.before / self.after) / whole, 0.0), 1.0)
+
+    @property
+    def mostly_closed(self) -> bool:
+        """Whether what is named explains the signal."""
+        return self.closed >= _MOSTLY
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap:
+    """The gap of all joints, per joint and per signal.
+
+    Attributes:
+        position: over all joints.
+        horizon: seconds after which replays restart from the measured state, or None for whole
+            rollouts.
+        finer_position: over all joints at a quarter of the timestep, where that matters more than
+            the noise; its numerical floor is what even this timestep leaves.
+        held_out: whether it was measured on recordings that no fit has seen.
+        joints: joint to its position gap.
+        signals: signal to its gap over all joints.
+        scored: those that effects are judged by, and have to explain.
+    """
+
+    position: GapSize
+    horizon: float | None
+    finer_position: GapSize | None
+    held_out: bool
+    joints: Mapping[str, GapSize]
+    signals: Mapping[str, GapSize]
+    scored: tuple[str, ...] = ("position",)
+
+    @property
+    def besides(self) -> dict[str, GapSize]:
+        """What effects have to explain besides the position."""
+        return {name: self.signals[name] for name in self.scored if name != "position"}
+
+    @property
+    def position_at_floor(self) -> bool:
+        """Whether no gap of the position is left, or none at a quarter of the timestep."""
+        finer = self.finer_position
+        return self.position.at_floor or (finer is not None and finer.at_floor)
+
+    @property
+    def clear(self) -> float:
+        """How clearly the gap stood out of the timestep's own error, 0 to 1 for `_CLEARLY`.
+
+        That hides nothing where it is less than the noise, where the noise alone is left, as of a
+        log from the same simulator, or where nothing is left at a finer timestep.
+        """
+        finer, size = self.finer_position, self.position
+        if finer is None or finer.at_floor or replace(size, numerical_floor=0.0).at_floor:
+            return 1.0
+        return min(max(math.log(size.before / size.numerical_floor, _CLEARLY), 0.0), 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Location:
+    """Where the gap lives.
+
+    Attributes:
+        joint: the joint.
+        regime: when, e.g. `velocity_reversal`.
+        share: part of the squared gap of all joints that falls there.
+        lift: that part over the part of the samples.
+        rms: root-mean-square gap there, in the joint's unit; not in the JSON.
+    """
+
+    joint: str
+    regime: str
+    share: float
+    lift: float
+    rms: float = float("nan")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapMap:
+    """The gap of one signal in every regime of every joint.
+
+    Attributes:
+        signal: `position` or `effort`.
+        unit: unit of the gaps.
+        before, after: its cells with the model as it was given, and as mended.
+    """
+
+    signal: str
+    unit: str
+    before: tuple[Location, ...]
+    after: tuple[Location, ...]
