@@ -18,15 +18,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drive import Drive
 from walkerkit.actuators.drivetrain import IntegralAction
 from walkerkit.gap.recordings.base import SIGNALS
 from walkerkit.gap.recordings.segments import Segment
-from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.channel import Channel as Channel
-from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
-from walkerkit.gap.simulation.floating import FloatingBase
+from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.gear_play import bend, loads
+from walkerkit.gap.simulation.group import MOST_STEPS, Group, similar_lengths
 from walkerkit.gap.simulation.interpolate import at_index, delayed, made_delay
 from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measured_past
 from walkerkit.gap.simulation.laws import Laws
@@ -34,88 +32,17 @@ from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.side_by_side import advanced
-from walkerkit.gap.simulation.start import memory, rest, start_state
+from walkerkit.gap.simulation.start import start_state
 from walkerkit.gap.simulation.together import Asked, Commanded, controlled, together
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
 Predicting = Generator[Asked | Commanded, Any, FloatArray]
 
-_LONGEST_DELAY = 0.3  # s of past commands kept before each segment
-_CONTROLLED = 1.0  # s of them that controllers which remember targets see besides
 _WARM = 0.15  # s of the measured past that laws see
-_LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
-_MOST_STEPS = 1_000_000  # of the segments of a batch together; what is longer has one of its own
 _CHUNK_BYTES = 2**28
 _MOST_REBUILT = 24  # robots kept for variants that need another compilation
-_APART = 0.01  # s; velocities so far apart tell the acceleration
 _RECORDS = {"position": "qpos", "velocity": "qvel", "effort": "qfrc_actuator"}
-
-
-class _Group:
-    """Segments of about one length, prepared once."""
-
-    def __init__(
-        self, robot: Robot, segments: Sequence[Segment], rows: Sequence[slice], hold: Hold
-    ):
-        self.robot = robot
-        self.hold = hold
-        self.segments = segments
-        self.rows = rows
-        step = robot.model.opt.timestep
-        self.durations = np.array([segment.duration for segment in segments])
-        # Since the log's beginning, when its clock was right.
-        self.elapsed = np.array(
-            [segment.start - float(segment.recording.whole.time[0]) for segment in segments]
-        )
-        self.steps = int(np.ceil(self.durations.max() / step - 1e-6)) + 1
-        self.memory = memory(robot.model)
-        self.controlled = int(np.ceil(_CONTROLLED / step))
-        self.past = int(np.ceil(_LONGEST_DELAY / step)) + self.memory + self.controlled
-        self.joints = segments[0].recording.joints
-        self.routes = [routes(robot, segment.recording) for segment in segments]
-        # Windows share their recordings.
-        recordings = {id(segment.recording): segment.recording for segment in segments}
-        self.states = {
-            key: MeasuredState.shared(recording, self.joints)
-            for key, recording in recordings.items()
-        }
-        self.base = (
-            None if robot.base is None else FloatingBase(robot, robot.base, segments, self.states)
-        )
-        n = len(segments)
-        # One more step than is simulated, so that a delay can be interpolated at the end.
-        offsets = step * np.arange(-self.past, self.steps + self.past + 1)
-        self.ctrl = np.tile(rest(robot.model).ctrl, (n, len(offsets), 1))
-        self.applied = np.zeros((n, len(offsets), robot.model.nv))
-        self.drives: dict[int, tuple[str, Drive]] = {}
-        for s, segment in enumerate(segments):
-            for route in self.routes[s]:
-                self._fill(s, segment, route, segment.start + offsets)
-        joints = [robot.joints[name] for name in self.joints]
-        # A play that is measured itself starts as measured.
-        self.played = [j for j in joints if j.play is not None and j.play.name not in self.joints]
-        self.starts = self._measured_states() if self.played else ()
-
-    def _measured_states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions, velocities, accelerations at the starts, (n_segments, n_joints) each."""
-        rows = []
-        for segment in self.segments:
-            state, time = self.states[id(segment.recording)], segment.recording.time
-            around = np.clip(segment.start + np.array([-_APART, 0, _APART]), time[0], time[-1])
-            qpos, qvel = state.at(around)
-            rows.append((qpos[1], qvel[1], (qvel[2] - qvel[0]) / (around[2] - around[0])))
-        qpos, qvel, qacc = (np.stack(parts) for parts in zip(*rows, strict=True))
-        return qpos, qvel, qacc
-
-    def _fill(self, s: int, segment: Segment, route: Route, time: FloatArray) -> None:
-        step = self.robot.model.opt.timestep
-        values = between_samples(segment.recording, route.column, time, self.hold, step)
-        if route.drive is None:
-            self.applied[s, :, route.joint.dof] += values
-        else:
-            self.ctrl[s, :, route.drive.ctrl] = route.drive.control(values)
-            self.drives[route.drive.ctrl] = route.joint.name, route.drive
 
 
 class Replay:
@@ -163,8 +90,8 @@ class Replay:
                 if column is not None:
                     self.measured[span, c] = column[segment.first : segment.last]
         self._groups = [
-            _Group(robot, [segments[i] for i in members], [rows[i] for i in members], hold)
-            for members in _similar_lengths(segments, _MOST_STEPS * robot.model.opt.timestep)
+            Group(robot, [segments[i] for i in members], [rows[i] for i in members], hold)
+            for members in similar_lengths(segments, MOST_STEPS * robot.model.opt.timestep)
         ]
 
     @property
@@ -245,7 +172,7 @@ class Replay:
                     )
         return predicted
 
-    def _simulating(self, group: _Group, trials: Trials, out: FloatArray) -> Predicting:
+    def _simulating(self, group: Group, trials: Trials, out: FloatArray) -> Predicting:
         """Fills in the rows and channels of a group."""
         model, n, n_segments = self.robot.model, trials.n, len(group.segments)
         step = model.opt.timestep
@@ -260,7 +187,7 @@ class Replay:
         steps = group.steps + round(lead.max() / step) + int(np.ceil(max(early, 0) / step - 1e-9))
 
         later = (behind - lead[..., None]) / rate  # than a segment's first sample it starts
-        first_shown = self._initial_state(group, later)
+        first_shown = group.initial_state(later)
         readings = [_reading(trials, name) for name in group.joints]
         first = [
             reading.joint(first_shown[0][..., [k]], first_shown[1][..., [k]])
@@ -312,7 +239,7 @@ class Replay:
         record = sorted({"qpos", *(_RECORDS[c.signal] for c in self.channels if not c.of_base)})
         each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
         stepwise = laws is not None and bool(laws.stepwise)
-        applied = self._applied(group, trials, lead, steps)
+        applied = group.feed_forward(trials, lead, steps)
         asked = Asked(
             model=model,
             fields=each,
@@ -398,34 +325,6 @@ class Replay:
                 out[:, span, c] = at_index(series[:, s], at)
         return out
 
-    def _applied(
-        self, group: _Group, trials: Trials, lead: FloatArray, steps: int
-    ) -> FloatArray | None:
-        """Feed-forward effort, (n, n_segments, steps, nv), or None where there is none."""
-        if not group.applied.any():
-            return None
-        step = self.robot.model.opt.timestep
-        nv = self.robot.model.nv
-        applied = delayed(group.applied, group.past, steps, np.tile(lead[..., None] / step, nv))
-        applied = np.array(applied)
-        for name in group.joints:
-            applied[..., self.robot.joints[name].dof] /= trials.effort_scale[name][:, None, None]
-        return applied
-
-    def _initial_state(self, group: _Group, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Measured states at each segment's start, shifted by (n, n_segments, n_joints) [s]."""
-        variants = shift[:1] if (shift == shift[:1]).all() else shift
-        qpos = np.empty(variants.shape)
-        qvel = np.empty_like(qpos)
-        for s, segment in enumerate(group.segments):
-            state = group.states[id(segment.recording)]
-            alike = (variants[:, s] == variants[:, s, :1]).all()
-            for k in range(1 if alike else shift.shape[2]):
-                q, v = state.at(segment.start + variants[:, s, k])
-                which = slice(None) if alike else k
-                qpos[:, s, which], qvel[:, s, which] = q[:, which], v[:, which]
-        return np.broadcast_to(qpos, shift.shape), np.broadcast_to(qvel, shift.shape)
-
 
 def predict_together(
     replays: Sequence[Replay], trials: Sequence[Trials], n_threads: int
@@ -502,20 +401,3 @@ def _at_encoder(
     if joint.play is None or not share.any():
         return motor
     return motor + share * series[..., getattr(joint.play, address)]
-
-
-def _similar_lengths(segments: Sequence[Segment], most: float) -> list[list[int]]:
-    """Indices of segments that may share a batch of `most` seconds in all, longest first."""
-    groups: list[list[int]] = []
-    for i in sorted(range(len(segments)), key=lambda i: -segments[i].duration):
-        head = segments[groups[-1][0]] if groups else None
-        if (
-            head is not None
-            and segments[i].duration >= _LENGTH_RATIO * head.duration
-            and segments[i].recording.joints == head.recording.joints
-            and (1 + len(groups[-1])) * head.duration <= most
-        ):
-            groups[-1].append(i)
-        else:
-            groups.append([i])
-    return [sorted(group) for group in groups]

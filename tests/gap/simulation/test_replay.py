@@ -11,7 +11,8 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import cut, whole, windows
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import between_samples, driven_by_effort, routes
-from walkerkit.gap.simulation.replay import Channel, Replay, _similar_lengths
+from walkerkit.gap.simulation.group import similar_lengths
+from walkerkit.gap.simulation.replay import Channel, Replay
 from walkerkit.gap.simulation.robot import Measurement, robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
@@ -710,8 +711,8 @@ def test_long_segments_do_not_share_a_batch_beyond_its_size():
     recording = log(np.arange(0, 10, 0.01))
     parts = windows(recording, 1.0)
     assert len(parts) == 9
-    assert [len(group) for group in _similar_lengths(parts, 100.0)] == [9]
-    groups = _similar_lengths(parts, 4.0)
+    assert [len(group) for group in similar_lengths(parts, 100.0)] == [9]
+    groups = similar_lengths(parts, 4.0)
     assert [len(group) for group in groups] == [4, 4, 1]
     assert sorted(i for group in groups for i in group) == list(range(9))
-    assert [len(group) for group in _similar_lengths(parts, 0.1)] == [1] * 9
+    assert [len(group) for group in similar_lengths(parts, 0.1)] == [1] * 9

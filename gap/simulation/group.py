@@ -1,0 +1,158 @@
+"""Segments of about one length, which are simulated in lock step: what is known of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.actuators.drive import Drive
+from walkerkit.gap.recordings.segments import Segment
+from walkerkit.gap.recordings.state import MeasuredState
+from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
+from walkerkit.gap.simulation.floating import FloatingBase
+from walkerkit.gap.simulation.interpolate import delayed
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.start import memory, rest
+from walkerkit.gap.simulation.trials import Trials
+
+FloatArray = NDArray[np.float64]
+
+_LONGEST_DELAY = 0.3  # s of past commands kept before each segment
+_CONTROLLED = 1.0  # s of them that controllers which remember targets see besides
+_LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
+MOST_STEPS = 1_000_000  # of the segments of a batch together; what is longer has one of its own
+_APART = 0.01  # s; velocities so far apart tell the acceleration
+
+
+class Group:
+    """Segments of about one length, prepared once.
+
+    Args:
+        robot: the robot.
+        segments: of recordings that measure the same joints.
+        rows: those of each segment among all that a replay predicts.
+        hold: what the targets are between their samples.
+
+    Attributes:
+        durations: (n_segments,) [s].
+        elapsed: (n_segments,) from the log's beginning, when its clock was right [s].
+        steps: of the simulation, from a segment's start on.
+        memory: steps of past commands that the model's delays remember.
+        controlled: steps of them that controllers see besides.
+        past: steps of them that are kept.
+        joints: names of the measured joints.
+        routes: of each segment, what its targets drive.
+        states: measured states, by the recording's identity.
+        base: the base, where it floats.
+        ctrl: (n_segments, past + steps + past + 1, nu) commands, from `past` steps before it.
+        applied: feed-forward effort, shape (…, nv) [N·m].
+        drives: address in ctrl to the joint and its drive.
+        played: joints with a play that nothing measures.
+        starts: where there are such, positions, velocities and accelerations at the starts.
+    """
+
+    def __init__(
+        self, robot: Robot, segments: Sequence[Segment], rows: Sequence[slice], hold: Hold
+    ):
+        self.robot = robot
+        self.hold = hold
+        self.segments = segments
+        self.rows = rows
+        step = robot.model.opt.timestep
+        self.durations = np.array([segment.duration for segment in segments])
+        self.elapsed = np.array(
+            [segment.start - float(segment.recording.whole.time[0]) for segment in segments]
+        )
+        self.steps = int(np.ceil(self.durations.max() / step - 1e-6)) + 1
+        self.memory = memory(robot.model)
+        self.controlled = int(np.ceil(_CONTROLLED / step))
+        self.past = int(np.ceil(_LONGEST_DELAY / step)) + self.memory + self.controlled
+        self.joints = segments[0].recording.joints
+        self.routes = [routes(robot, segment.recording) for segment in segments]
+        # Windows share their recordings.
+        recordings = {id(segment.recording): segment.recording for segment in segments}
+        self.states = {
+            key: MeasuredState.shared(recording, self.joints)
+            for key, recording in recordings.items()
+        }
+        self.base = (
+            None if robot.base is None else FloatingBase(robot, robot.base, segments, self.states)
+        )
+        n = len(segments)
+        # One more step than is simulated, so that a delay can be interpolated at the end.
+        offsets = step * np.arange(-self.past, self.steps + self.past + 1)
+        self.ctrl = np.tile(rest(robot.model).ctrl, (n, len(offsets), 1))
+        self.applied = np.zeros((n, len(offsets), robot.model.nv))
+        self.drives: dict[int, tuple[str, Drive]] = {}
+        for s, segment in enumerate(segments):
+            for route in self.routes[s]:
+                self._fill(s, segment, route, segment.start + offsets)
+        joints = [robot.joints[name] for name in self.joints]
+        # A play that is measured itself starts as measured.
+        self.played = [j for j in joints if j.play is not None and j.play.name not in self.joints]
+        self.starts = self._measured_states() if self.played else ()
+
+    def _measured_states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions, velocities, accelerations at the starts, (n_segments, n_joints) each."""
+        rows = []
+        for segment in self.segments:
+            state, time = self.states[id(segment.recording)], segment.recording.time
+            around = np.clip(segment.start + np.array([-_APART, 0, _APART]), time[0], time[-1])
+            qpos, qvel = state.at(around)
+            rows.append((qpos[1], qvel[1], (qvel[2] - qvel[0]) / (around[2] - around[0])))
+        qpos, qvel, qacc = (np.stack(parts) for parts in zip(*rows, strict=True))
+        return qpos, qvel, qacc
+
+    def _fill(self, s: int, segment: Segment, route: Route, time: FloatArray) -> None:
+        step = self.robot.model.opt.timestep
+        values = between_samples(segment.recording, route.column, time, self.hold, step)
+        if route.drive is None:
+            self.applied[s, :, route.joint.dof] += values
+        else:
+            self.ctrl[s, :, route.drive.ctrl] = route.drive.control(values)
+            self.drives[route.drive.ctrl] = route.joint.name, route.drive
+
+    def feed_forward(self, trials: Trials, lead: FloatArray, steps: int) -> FloatArray | None:
+        """Feed-forward effort, (n, n_segments, steps, nv), or None where there is none."""
+        if not self.applied.any():
+            return None
+        step = self.robot.model.opt.timestep
+        nv = self.robot.model.nv
+        applied = delayed(self.applied, self.past, steps, np.tile(lead[..., None] / step, nv))
+        applied = np.array(applied)
+        for name in self.joints:
+            applied[..., self.robot.joints[name].dof] /= trials.effort_scale[name][:, None, None]
+        return applied
+
+    def initial_state(self, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Measured states at each segment's start, shifted by (n, n_segments, n_joints) [s]."""
+        variants = shift[:1] if (shift == shift[:1]).all() else shift
+        qpos = np.empty(variants.shape)
+        qvel = np.empty_like(qpos)
+        for s, segment in enumerate(self.segments):
+            state = self.states[id(segment.recording)]
+            alike = (variants[:, s] == variants[:, s, :1]).all()
+            for k in range(1 if alike else shift.shape[2]):
+                q, v = state.at(segment.start + variants[:, s, k])
+                which = slice(None) if alike else k
+                qpos[:, s, which], qvel[:, s, which] = q[:, which], v[:, which]
+        return np.broadcast_to(qpos, shift.shape), np.broadcast_to(qvel, shift.shape)
+
+
+def similar_lengths(segments: Sequence[Segment], most: float) -> list[list[int]]:
+    """Indices of segments that may share a batch of `most` seconds in all, longest first."""
+    groups: list[list[int]] = []
+    for i in sorted(range(len(segments)), key=lambda i: -segments[i].duration):
+        head = segments[groups[-1][0]] if groups else None
+        if (
+            head is not None
+            and segments[i].duration >= _LENGTH_RATIO * head.duration
+            and segments[i].recording.joints == head.recording.joints
+            and (1 + len(groups[-1])) * head.duration <= most
+        ):
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    return [sorted(group) for group in groups]
