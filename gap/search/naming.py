@@ -27,6 +27,7 @@ from walkerkit.gap.search.trying import Tries
 from walkerkit.gap.search.worth import confidence, one_sided, tied, worth_it
 
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
+_NEARLY_NOTHING = 0.1  # of all joints', where it was nothing else
 _FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.01  # of the noise, and of how far a joint moves
 _MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
@@ -123,7 +124,9 @@ def _simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -
 
     The numerical error is taken out of every comparison. Where it is most of a joint's gap, far
     above the noise and a part of the motion that matters, it is an effect of its own, and the
-    model is to be simulated otherwise.
+    model is to be simulated otherwise. That has to show at the finest timestep, too, unless hardly
+    anything is left, as of a log of another simulator: another integrator may stand in for what is
+    really missing, as a drive's damping.
     """
     terms = [
         term
@@ -141,10 +144,13 @@ def _simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -
         magnitudes = zip(*(slot.parameter.starts for slot in structure.slots), strict=True)
         values = np.array(list(magnitudes))
         tried = objective.as_it_is([Case(structure=structure, values=values)])[0]
-        k = int(np.argmin(objective.score(tried)))
-        gained = np.sqrt(np.maximum(before - tried[k], 0.0))
-        most = tried[k] < _LEFT_OF_THE_GAP**2 * before
-        if (most & (gained > least) & of_position).any():
+        gained = np.sqrt(np.maximum(before - tried, 0.0)) > least
+        most = (gained & (tried < _LEFT_OF_THE_GAP**2 * before) & of_position).any(axis=1)
+        nearly_all = (tried < _NEARLY_NOTHING**2 * before)[:, of_position].all(axis=1)
+        finest = values[:, 0] == values[:, 0].min()
+        right = most & (nearly_all | most[finest].any())
+        if right.any():
+            k = int(np.argmin(np.where(right, objective.score(tried), np.inf)))
             (best,) = evaluate(problem.fit.objective, [(structure, values[k])])
     return best
 

@@ -3,12 +3,13 @@
 import pytest
 
 from benchmarks import hidden_effects
-from benchmarks.hidden.cases import Case, cases
+from benchmarks.hidden.cases import NUISANCES, Case, cases
 from benchmarks.hidden.outcome import Outcome
 from benchmarks.hidden.running import run_case
 from benchmarks.hidden.scoring import admits, covered, false_alarm, first_right, place_right, ratios
 
 FEW = ("viscous_friction", "torque_bias", "command_delay")
+TIMESTEP = ("timestep", *NUISANCES)
 SHORTER = 3.0  # 4 s each
 
 
@@ -55,3 +56,10 @@ def test_a_quick_run_is_a_part_of_every_kind():
     chosen = {tier: cases(tier, count) for tier, count in hidden_effects.QUICK.items()}
     assert set(chosen) <= set(hidden_effects.TIERS)
     assert all(chosen.values())
+
+
+def test_another_integrator_does_not_stand_in_for_a_drive_that_is_a_little_off():
+    # Explicit integration would leave a third of its gap, a finer timestep nearly all of it.
+    case = cases("nothing", draw=1)[1]
+    assert (case.off, case.channels) == ("nuisance", "q")
+    assert "timestep" not in {named.effect for named in run_case(case, effects=TIMESTEP).named}
