@@ -1,23 +1,34 @@
 """The simulation's own numerical error, which is a nuisance of every prediction.
 
-What a finer timestep changes, and what another integrator and a still finer timestep change then,
-are added to a prediction by the factors that suit the measurement best: all 0 for a log from a
-simulation with the same timestep; 1, 0 and up to 2 for a machine, which has no such error, if the
-timesteps are a half and a quarter. So no effect is named for an error that a finer step removes.
+What a finer timestep changes, and what another integrator, drier friction and a still finer
+timestep change then, are added to a prediction by the factors that suit the measurement best: all 0
+for a log from a simulation with the same timestep; 1, 0, about 1 and up to 2 for a machine, which
+has no such error, if the timesteps are a half and a quarter. So no effect is named for an error
+that a finer step removes, or for how MuJoCo's solver rounds off the dry friction of a model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-_FACTORS = ((0.0, 3.0), (-2.0, 2.0))  # of a finer timestep; of another integrator
-_FACTORS_OF_TWO = ((0.0, 2.0), (-2.0, 2.0), (0.0, 2.5))  # and of one still finer
+Way = Literal["half", "integrator", "friction", "quarter"]
+"""Another way to integrate: half the timestep, and over that another integrator, friction that is
+as dry as it goes, and a quarter of the timestep."""
+
+_FACTORS: Final[Mapping[Way, tuple[float, float]]] = {
+    "half": (0.0, 3.0),
+    "integrator": (-2.0, 2.0),
+    "friction": (0.0, 2.0),
+    "quarter": (0.0, 2.5),
+}
+_HALF_BESIDE_A_QUARTER = (0.0, 2.0)
 _SWEEPS = 30
 
 
@@ -26,33 +37,40 @@ class NumericalError:
     """What other ways to integrate change of a prediction.
 
     Attributes:
+        ways: how else it was integrated.
         changes: (k, rows, n_scored), of half the timestep over its own, and of others over that;
             empty where the error is unknown or left alone.
     """
 
+    ways: tuple[Way, ...]
     changes: FloatArray
 
     @classmethod
     def none(cls, shape: tuple[int, ...]) -> NumericalError:
         """No error of residuals of a shape, (rows, n_scored)."""
-        return cls(np.zeros((0, *shape)))
+        return cls((), np.zeros((0, *shape)))
 
     @classmethod
-    def of(cls, residuals: Sequence[FloatArray]) -> NumericalError:
-        """The error of the first of some residuals; none where one of them diverged.
+    def of(cls, own: FloatArray, others: Mapping[Way, FloatArray]) -> NumericalError:
+        """The error of some residuals; none where one of the others diverged.
 
-        They are (rows, n_scored) as simulated: at its own timestep, at half of it, with another
-        integrator, and, if that was simulated, at a quarter.
+        Args:
+            own: (rows, n_scored) as simulated, at their own timestep.
+            others: as simulated otherwise, with half the timestep among them.
         """
-        coarse, half, *others = residuals
-        changes = np.stack([half - coarse, *(other - half for other in others)])
-        return cls(changes) if np.isfinite(changes).all() else cls.none(coarse.shape)
+        half = others["half"]
+        changes = np.stack(
+            [each - (own if way == "half" else half) for way, each in others.items()]
+        )
+        return cls(tuple(others), changes) if np.isfinite(changes).all() else cls.none(own.shape)
 
     @property
     def bounds(self) -> FloatArray:
         """(k, 2) between which the factors of the changes lie."""
-        every = _FACTORS if len(self.changes) <= len(_FACTORS) else _FACTORS_OF_TWO
-        return np.array(every[: len(self.changes)]).reshape(-1, 2)
+        factors = dict(_FACTORS)
+        if "quarter" in self.ways:
+            factors["half"] = _HALF_BESIDE_A_QUARTER
+        return np.array([factors[way] for way in self.ways]).reshape(-1, 2)
 
     def take_out(self, residual: FloatArray, weights: FloatArray) -> FloatArray:
         """Adds the best multiples of the changes to each (rows, n_scored) residual, in place.

@@ -9,7 +9,7 @@ gaps that are five per cent smaller.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.numerical_error import NumericalError
+from walkerkit.gap.search.numerical_error import NumericalError, Way
 from walkerkit.gap.search.structure import Case, Fit
 from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
@@ -98,7 +98,9 @@ class Objective:
         """Takes no numerical error out of what will be simulated."""
         self.numerical = NumericalError.none(self.measured.shape)
 
-    def refine(self, finer: Sequence[Objective], case: Case, own: FloatArray | None = None) -> None:
+    def refine(
+        self, finer: Mapping[Way, Objective], case: Case, own: FloatArray | None = None
+    ) -> None:
         """As `refine`, of this objective alone, whose residual (rows, n_scored) may be known."""
         refine([(self, finer, case)], own)
 
@@ -112,9 +114,9 @@ class Objective:
                 return True
         return False
 
-    def _learn(self, case: Case, residuals: Sequence[FloatArray]) -> None:
+    def _learn(self, case: Case, own: FloatArray, others: Mapping[Way, FloatArray]) -> None:
         """Takes the numerical error from some residuals, as `NumericalError.of` does."""
-        self.numerical = NumericalError.of(residuals)
+        self.numerical = NumericalError.of(own, others)
         self._refined.append((case.structure.key, case.values[0], self.numerical))
 
     def moves(self, only: Sequence[int | None]) -> Moves:
@@ -284,15 +286,14 @@ class Objective:
 
 
 def refine(
-    wanted: Sequence[tuple[Objective, Sequence[Objective], Case]], own: FloatArray | None = None
+    wanted: Sequence[tuple[Objective, Mapping[Way, Objective], Case]], own: FloatArray | None = None
 ) -> None:
     """Takes the numerical error at some values as that of all that objectives will simulate.
 
     Args:
-        wanted: each objective with the same recordings replayed at a finer timestep, then also with
-            another integrator, then at a timestep finer still, which only counts where the first
-            changes much; none of these with numerical errors of their own taken out. And one row
-            of values.
+        wanted: each objective with the same recordings replayed in other ways, none of these with
+            numerical errors of their own taken out; that at a quarter of the timestep only counts
+            where half of it changes much. And one row of values.
         own: (rows, n_scored) the residual of the first as simulated, where it is known.
     """
     unknown = []
@@ -300,27 +301,27 @@ def refine(
         one.leave_as_simulated()
         if not one._remembers(case):
             # What was wanted the last time is asked for at once, to be done side by side.
-            asked = list(finer if one._coarse else finer[:2])
+            asked = [way for way in finer if one._coarse or way != "quarter"]
             unknown.append((one, finer, case, own if k == 0 else None, asked))
     found = iter(
         _each_simulated(
             [
                 (each, [case])
-                for one, _, case, known, asked in unknown
-                for each in (*([one] if known is None else []), *asked)
+                for one, finer, case, known, asked in unknown
+                for each in (*([one] if known is None else []), *(finer[way] for way in asked))
             ]
         )
     )
     for one, finer, case, known, asked in unknown:
         coarse = next(found)[0] if known is None else known
-        residuals = [coarse, *(next(found)[0] for _ in asked)]
-        changed = np.sqrt(one.mean_square(residuals[1] - coarse))
+        others = {way: next(found)[0] for way in asked}
+        changed = np.sqrt(one.mean_square(others["half"] - coarse))
         one._coarse = bool((changed > _COARSE * one.floor).any())
         if not one._coarse:
-            del residuals[3:]
-        elif len(asked) < len(finer):
-            residuals += [still.simulated([case])[0][0] for still in finer[2:]]
-        one._learn(case, residuals)
+            others.pop("quarter", None)
+        elif "quarter" in finer and "quarter" not in others:
+            others["quarter"] = finer["quarter"].simulated([case])[0][0]
+        one._learn(case, coarse, others)
 
 
 def residuals_of(

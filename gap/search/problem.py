@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,6 +14,7 @@ from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.excerpt import Gaps, representative, spread
+from walkerkit.gap.search.numerical_error import Way
 from walkerkit.gap.search.objective import Objective, refine
 from walkerkit.gap.search.structure import Case, Fit, Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
@@ -39,11 +40,18 @@ _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _MOST_PARTS = 8  # that are kept, with their numerical errors
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
-_FINER: tuple[Callable[[Robot], Robot], ...] = (
-    lambda robot: robot.refined(REFINEMENT),
-    lambda robot: robot.refined(REFINEMENT, other_integrator=True),
-    lambda robot: robot.refined(REFINEMENT**2),
-)
+_REMADE: Mapping[Way, Callable[[Robot], Robot]] = {
+    "half": lambda robot: robot.refined(REFINEMENT),
+    "integrator": lambda robot: robot.refined(REFINEMENT, other_integrator=True),
+    "friction": lambda robot: robot.refined(REFINEMENT, as_dry_as_it_goes=True),
+    "quarter": lambda robot: robot.refined(REFINEMENT**2),
+}
+
+
+def _other_ways(robots: Sequence[Robot]) -> Mapping[Way, Callable[[Robot], Robot]]:
+    """How else some robots are simulated, to show the numerical error."""
+    dry = any(robot.has_dry_friction for robot in robots)
+    return {way: remake for way, remake in _REMADE.items() if dry or way != "friction"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,17 +62,16 @@ class Half:
         recordings: per robot.
         told: their replays over the horizon that the gap is told of.
         objective: their comparison with the simulation, in stretches.
-        make_finer: makes the same at a finer timestep, then with another integrator too, then at a
-            timestep finer still.
+        make_finer: makes the same in other ways, which show the numerical error.
     """
 
     recordings: tuple[tuple[Recording, ...], ...]
     told: tuple[Replay, ...]
     objective: Objective
-    make_finer: Callable[[], tuple[Objective, ...]]
+    make_finer: Callable[[], Mapping[Way, Objective]]
 
     @cached_property
-    def finer(self) -> tuple[Objective, ...]:
+    def finer(self) -> Mapping[Way, Objective]:
         """What `make_finer` makes, where it is needed."""
         return self.make_finer()
 
@@ -186,8 +193,11 @@ class Problem:
             robot, threads = remake(one.robot), one.n_threads
             return Replay(robot, one.segments, self.channels, hold=self.hold, n_threads=threads)
 
-        def finer() -> tuple[Objective, ...]:
-            return tuple(self._objective([remade(one, each) for one in told]) for each in _FINER)
+        def finer() -> Mapping[Way, Objective]:
+            return {
+                way: self._objective([remade(one, remake) for one in told])
+                for way, remake in _other_ways(self.robots).items()
+            }
 
         return replace(self.fit, objective=self._objective(told), make_finer=finer)
 
@@ -283,11 +293,11 @@ def build(
         def stepped(robot: Robot) -> Robot:
             return robot.coarsened(longer) if longer > 1 else robot
 
-        def finer() -> tuple[Objective, ...]:
-            def made(finer: Callable[[Robot], Robot]) -> Objective:
-                return objective(replays(chosen, lambda robot: finer(stepped(robot)), scored))
+        def finer() -> Mapping[Way, Objective]:
+            def made(remake: Callable[[Robot], Robot]) -> Objective:
+                return objective(replays(chosen, lambda robot: remake(stepped(robot)), scored))
 
-            return tuple(made(each) for each in _FINER)
+            return {way: made(remake) for way, remake in _other_ways(robots).items()}
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),

@@ -22,6 +22,7 @@ from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
 from walkerkit.actuators.play import play_joint
 from walkerkit.gap.errors import InputError, closest, one_line
 from walkerkit.gap.recordings.manifest import is_callable
+from walkerkit.gap.simulation import dry_friction
 from walkerkit.gap.simulation.base import Base, find_base
 from walkerkit.gap.simulation.ground import Ground, add_floor
 from walkerkit.gap.simulation.made import spec_of
@@ -176,16 +177,29 @@ class Robot:
             self.source.rpartition(":")[2] if is_callable(self.source) else Path(self.source).stem
         )
 
-    def refined(self, factor: int, *, other_integrator: bool = False) -> Robot:
+    @property
+    def has_dry_friction(self) -> bool:
+        """Whether the model itself has dry friction at a joint."""
+        return bool(self.model.dof_frictionloss.any())
+
+    def refined(
+        self, factor: int, *, other_integrator: bool = False, as_dry_as_it_goes: bool = False
+    ) -> Robot:
         """The same robot with a timestep that is `factor` times shorter.
 
         Args:
             factor: how many times.
             other_integrator: exchange implicit integration of the actuators' damping for explicit,
                 or the other way round.
+            as_dry_as_it_goes: its dry friction neither creeps nor lags behind a reversal.
         """
         spec = self.spec.copy()
         spec.option.timestep /= factor
+        if as_dry_as_it_goes:
+            for joint in spec.joints:
+                if joint.frictionloss:
+                    joint.solref_friction = dry_friction.reference(spec.option.timestep)
+                    joint.solimp_friction = dry_friction.IMPEDANCE
         if other_integrator:
             euler = spec.option.integrator == mujoco.mjtIntegrator.mjINT_EULER
             spec.option.integrator = (

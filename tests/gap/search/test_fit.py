@@ -54,6 +54,7 @@ def run(robot, seconds=2.0, name="log", amplitude=0.5, **planted):
     for field, value in planted.items():
         getattr(model, field)[:] = value
     data, joints = mujoco.MjData(model), list(robot.joints)
+    every = round(STEP / model.opt.timestep)
     time = STEP * np.arange(round(seconds / STEP))
     t = np.maximum(time - 0.1, 0)
     target = amplitude * (np.sin(5 * t + 3 * t**2) + 0.3 * np.sin(23 * t))
@@ -61,7 +62,7 @@ def run(robot, seconds=2.0, name="log", amplitude=0.5, **planted):
     for value in [0.0] * 1000 + target.tolist():
         data.ctrl[:] = value
         q = data.qpos.copy()
-        mujoco.mj_step(model, data)
+        mujoco.mj_step(model, data, every)
         rows.append((q, data.qfrc_actuator.copy()))
     columns = {}
     for k, joint in enumerate(joints):
@@ -308,15 +309,18 @@ class TestObjective:
             columns={"hip/position": np.array(position), "hip/position_target": target},
         )
         case = Case(structure=Structure((), (robot,)), values=np.zeros((1, 0)))
-        made = [
-            {"factor": 2},
-            {"factor": 2, "other_integrator": True},
-            {"factor": 4},
-        ]
+        made = {
+            "half": {"factor": 2},
+            "integrator": {"factor": 2, "other_integrator": True},
+            "quarter": {"factor": 4},
+        }
 
         def taken_out(floor: float) -> tuple[int, float]:
             one = objective(robot, [recording], floor=floor)
-            finer = [objective(robot.refined(**each), [recording], floor=floor) for each in made]
+            finer = {
+                way: objective(robot.refined(**each), [recording], floor=floor)
+                for way, each in made.items()
+            }
             one.refine(finer, case)
             return len(one.numerical.changes), np.sqrt(one.mean_squares([case])[0][0, 0])
 
@@ -327,6 +331,29 @@ class TestObjective:
         assert (two, three) == (2, 3)
         assert left_by_two < 0.25 * raw
         assert left_by_three < 0.6 * left_by_two
+
+    def test_how_the_solver_rounds_off_dry_friction_is_no_gap(self):
+        # The machine sticks; the model creeps, as MuJoCo's friction does unless it is told not to.
+        spec = pendulum(kp=20).spec.copy()
+        spec.joint("hip").frictionloss = 0.3
+        robot = robot_from_spec(spec, "rubbing.xml")
+        assert robot.has_dry_friction
+        recording = run(robot.refined(4, as_dry_as_it_goes=True))
+        case = Case(structure=Structure((), (robot,)), values=np.zeros((1, 0)))
+        one = objective(robot, [recording], floor=1e-5)
+        (raw,) = np.sqrt(one.mean_squares([case])[0][0])
+        finer = {
+            "half": robot.refined(2),
+            "integrator": robot.refined(2, other_integrator=True),
+            "friction": robot.refined(2, as_dry_as_it_goes=True),
+        }
+        left = []
+        for ways in (("half", "integrator"), tuple(finer)):
+            one = objective(robot, [recording], floor=1e-5)
+            one.refine({w: objective(finer[w], [recording], floor=1e-5) for w in ways}, case)
+            assert one.numerical.ways == ways
+            left.append(float(np.sqrt(one.mean_squares([case])[0][0, 0])))
+        assert left[1] < 0.3 * left[0] < 0.3 * raw, (left, raw)
 
     @pytest.mark.parametrize("factor", [1.5, -1.5], ids=["free", "at its bound"])
     def test_linearised_is_the_slope_of_the_residuals(self, factor):
@@ -339,7 +366,8 @@ class TestObjective:
         # A timestep that would make up for two thirds of the gap, and for nothing where it cannot.
         part = (one.block + np.arange(len(one.block)) % 3 > 0)[:, None]
         one.numerical = NumericalError(
-            np.stack([-residual[0] * part / factor, np.roll(residual[0], 40, axis=0)])
+            ("half", "integrator"),
+            np.stack([-residual[0] * part / factor, np.roll(residual[0], 40, axis=0)]),
         )
         (corrected,) = one.residuals([case])
         (linearised,) = one.linearised([case], [one.moves([None, None])])
@@ -449,7 +477,7 @@ class TestPolish:
         case = Case(structure=tried, values=np.array([[0.2, 0.01]]))
         (start,) = evaluate(one, [(tried, case.values[0])])
         _, slopes = polish(one, start, iterations=0)
-        one.refine([finer], case, slopes.residual)
+        one.refine({"half": finer}, case, slopes.residual)
         assert one.numerical.changes.any()
         slopes.correct(one)
         _, simulated = polish(one, start, iterations=0)
@@ -542,7 +570,7 @@ class TestFit:
         ((more, true),) = one.residuals([Case(structure=tried, values=np.array([[0.27], [0.25]]))])
         # Up to 0.28 the timestep can make up for too much damping, but for a ripple.
         ripple = 3e-5 * np.sin(np.arange(len(true)))[:, None]
-        one.numerical = NumericalError((more - true + ripple)[None])
+        one.numerical = NumericalError(("half",), (more - true + ripple)[None])
         one.measured = one.measured + 1.5 * one.numerical.changes[0]
         (found,) = fit(one, evaluate(one, [(tried, np.array([start]))]), iterations=20)
         assert found.values[0] == pytest.approx(0.25, abs=2e-3)

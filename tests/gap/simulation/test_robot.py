@@ -88,6 +88,13 @@ class TestJoints:
             robot.check_joints(["wheel_7"], "log.csv")
 
 
+RUBBING = """
+<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body>
+  <joint name="slider" type="slide" frictionloss="1"/><geom size="0.05" mass="1"/>
+</body></worldbody></mujoco>
+"""
+
+
 class TestRefined:
     @pytest.mark.parametrize("factor", [1, 4])
     def test_step_is_shorter_and_the_original_is_left_alone(self, robot, factor):
@@ -107,6 +114,18 @@ class TestRefined:
         text = MODEL.replace("<worldbody>", f'<option integrator="{given}"/><worldbody>', 1)
         robot = robot_from_spec(mujoco.MjSpec.from_string(text), "cart.xml")
         assert robot.refined(2, other_integrator=True).model.opt.integrator == other
+
+    def test_dry_friction_holds_what_it_can_hold(self):
+        robot = robot_from_spec(mujoco.MjSpec.from_string(RUBBING), "rubbing.xml")
+        assert robot.has_dry_friction
+        crept = []
+        for one in (robot.refined(2), robot.refined(2, as_dry_as_it_goes=True)):
+            data = mujoco.MjData(one.model)
+            data.qfrc_applied[:] = 0.8  # of what it takes to slide
+            mujoco.mj_step(one.model, data, 2000)
+            crept.append(float(np.abs(data.qpos[0])))
+        assert crept[1] < 0.1 * crept[0]
+        assert robot.spec.joint("slider").solref_friction[0] == 0.02
 
 
 class TestCoarsened:
