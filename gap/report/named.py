@@ -102,10 +102,16 @@ def _equivalent(problem: Problem, term: Term, one: Round, final: Fit) -> dict[st
     )
     tried = {candidate.term.effect.name: candidate for candidate in one.candidates}
     best = tried.get(term.effect.name)
+
+    def possible(name: str) -> bool:
+        # Steps of a simulation part delays that no log can part.
+        both_delays = term.effect.part == CATALOGUE[name].part == "timing"
+        return both_delays or _as_good(tried.get(name), best)
+
     return {
         name: reason
         for name, reason in known.items()
-        if name in CATALOGUE and name not in present and _as_good(tried.get(name), best)
+        if name in CATALOGUE and name not in present and possible(name)
     }
 
 

@@ -641,6 +641,40 @@ def test_the_noise_of_the_states_that_replays_restart_from_is_no_gap(tmp_path: P
     assert found.verdict == "no_gap"
 
 
+WHEEL = """
+<mujoco><option timestep="0.002" integrator="implicitfast"/>
+<worldbody><body><joint name="wheel" axis="0 0 1" damping="0.2" armature="0.05"/>
+  <inertial pos="0 0 0" mass="1" diaginertia="0.15 0.15 0.15"/></body></worldbody>
+<actuator><velocity joint="wheel" kv="8"/></actuator></mujoco>
+"""
+
+
+def test_a_late_command_is_a_late_log_whatever_the_timestep_makes_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "wheel.xml"
+    path.write_text(WHEEL)
+    rng, late, step, rows = np.random.default_rng(0), 0.0175, 1e-4, 600
+    recordings = []
+    for name in ("a", "b", "c"):
+        target = np.repeat(rng.uniform(-3, 3, rows // 20), 20)
+        target[:50] = 0.0
+        q, speed, position, velocity = 0.0, 0.0, np.empty(rows), np.empty(rows)
+        for k in range(100 * rows):
+            if k % 100 == 0:
+                position[k // 100], velocity[k // 100] = q, speed
+            sent = target[max(0, math.floor((k * step - late) * 100))]
+            speed += step * (8 * (sent - speed) - 0.2 * speed) / 0.2
+            q += step * speed
+        columns = {
+            "wheel/velocity_target": target,
+            "wheel/position": position + 1e-4 * rng.standard_normal(rows),
+            "wheel/velocity": velocity + 2e-3 * rng.standard_normal(rows),
+        }
+        recordings.append(Recording(name=name, time=np.arange(rows) / 100, columns=columns))
+    (named,) = diagnose(path, recordings, effects=["command_delay", "sensor_delay"]).effects
+    assert {named.effect, *named.indistinguishable_from} == {"command_delay", "sensor_delay"}
+    assert named.parameters[0].value == pytest.approx(late, abs=1e-3)
+
+
 def test_progress_goes_from_0_to_1_in_every_stage(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:
