@@ -16,6 +16,7 @@ _SECANT = 0.3  # of a number's scale, over which a slope has to hold for more th
 _ALIGNED = 0.25  # how much of the model's error looks like a change of one of its numbers
 _UNCORRECTED = 0.25  # of what half the timestep changes
 _AT_BOUND = 1e-6  # of the width between the bounds
+_OF_A_STEP = 0.25  # of the timestep, within which one integrator answers later than another
 
 
 def covariance(
@@ -130,11 +131,18 @@ def certainty(
 ) -> FloatArray:
     """(n_parameters,) standard errors between each value and that which leaves the robot as it is.
 
-    Infinite for what is not felt at all, as where a gap has steps.
+    Infinite for what is not felt at all, as where a gap has steps. A delay or a lag is known no
+    better than a part of the timestep, within which the simulation itself is late.
     """
     found, _ = covariance(objective, one, noise, part=part)
     std = np.sqrt(np.maximum(np.diag(found), 0.0))
     away = np.abs(one.values - one.structure.zero)
     felt = std > 0
-    errors: FloatArray = np.where(felt, away / np.where(felt, std, 1.0), np.inf)
+    step = max(replay.robot.model.opt.timestep for replay in objective.replays)
+    late = [
+        slot.parameter.unit == "s" and slot.term.effect.part == "timing"
+        for slot in one.structure.slots
+    ]
+    error = np.where(late, np.hypot(std, _OF_A_STEP * step), std)
+    errors: FloatArray = np.where(felt, away / np.where(felt, error, 1.0), np.inf)
     return np.where(away == 0, 0.0, errors)

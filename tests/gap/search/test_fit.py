@@ -669,6 +669,9 @@ class TestCovariance:
         assert springref == 0.0
 
 
+READ = "hip/position"
+
+
 class TestCertainty:
     def test_a_value_at_its_bound_has_a_distance_and_one_that_is_not_felt_has_none(self):
         robot = pendulum()
@@ -685,6 +688,21 @@ class TestCertainty:
         variance, _ = covariance(one, stiff, noise)
         expected = upper[0] / np.sqrt(variance[0, 0])
         assert certainty(one, stiff, noise)[0] == pytest.approx(expected)
+
+    def test_delays_within_a_timestep_are_not_known_to_be_there(self):
+        robot = pendulum()
+        tried = structure([robot], sensor_delay=["hip"])
+
+        def known(steps: float) -> float:
+            recording = run(robot)
+            read = np.interp(recording.time - steps * STEP, recording.time, recording.columns[READ])
+            late = replace(recording, columns=dict(recording.columns) | {READ: read})
+            one = objective(robot, [late], floor=1e-6)
+            (fit,) = evaluate(one, [(tried, np.array([steps * STEP]))])
+            return float(certainty(one, fit, one.floor)[0])
+
+        assert known(0.2) < 1.0
+        assert known(4.0) == pytest.approx(16.0, rel=0.1)
 
 
 class TestScreen:
