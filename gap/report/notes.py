@@ -34,6 +34,7 @@ def notes(
     stand_ins: Sequence[Sequence[str]],
     verdict: Verdict,
     *,
+    scales: Mapping[str, float],
     searched: bool,
 ) -> Iterator[str]:
     """The notes of a diagnosis, most important first.
@@ -44,6 +45,7 @@ def notes(
         effects: what was named.
         stand_ins: names that may together be one.
         verdict: the verdict.
+        scales: joint to logged over simulated effort, where that is all that is wrong with it.
         searched: whether effects were looked for.
     """
     seen = {r.name: r for half in (problem.fit, problem.held) for g in half.recordings for r in g}
@@ -62,6 +64,12 @@ def notes(
         yield (
             f"{', '.join(names[:-1])} and {names[-1]} may together stand in for one that the "
             "catalogue lacks: trust the gap that they close more than their names."
+        )
+    if scales:
+        listed = ", ".join(f"{scale:.4g} times at {joint}" for joint, scale in scales.items())
+        yield (
+            f"The logged effort is what the simulation makes of the same motion, {listed}: its "
+            "unit or its torque constant may be another's. Divide the columns, and diagnose again."
         )
     if verdict == "unexplained":
         yield (

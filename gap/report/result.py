@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import Considered, Diagnosis, Verdict
+from walkerkit.gap.report.effort_scale import effort_scales
 from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.locate import standing_out
 from walkerkit.gap.report.named import confusion_set, named_effects
@@ -204,7 +205,17 @@ def summarise(
         ),
         next_experiment=following.experiment if following else None,
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
-        notes=tuple(notes(problem, gap, effects, groups, verdict, searched=searched)),
+        notes=tuple(
+            notes(
+                problem,
+                gap,
+                effects,
+                groups,
+                verdict,
+                scales=effort_scales(after.values(), gap),
+                searched=searched,
+            )
+        ),
         wiring=named_errors(everything),
         traces=traces(problem, before, after),
         seconds=seconds,
