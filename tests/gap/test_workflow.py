@@ -641,6 +641,9 @@ def test_the_noise_of_the_states_that_replays_restart_from_is_no_gap(tmp_path: P
     assert found.verdict == "no_gap"
 
 
+EFFORT = "knee/effort"
+
+
 def test_effort_in_another_unit_is_told_of(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:
@@ -660,7 +663,6 @@ def test_effort_in_another_unit_is_told_of(
     assert told(1.0) == []
 
 
-EFFORT = "knee/effort"
 WHEEL = """
 <mujoco><option timestep="0.002" integrator="implicitfast"/>
 <worldbody><body><joint name="wheel" axis="0 0 1" damping="0.2" armature="0.05"/>
