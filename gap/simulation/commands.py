@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from walkerkit.actuators.drive import Drive, TargetKind
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.simulation.interpolate import NEAREST
 from walkerkit.gap.simulation.robot import Joint, Robot
 
 FloatArray = NDArray[np.float64]
@@ -22,7 +23,6 @@ FloatArray = NDArray[np.float64]
 Hold = Literal["zero_order", "linear"]
 
 _KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
-_NEAREST = 0.499  # of a step; stamps halfway between two steps always belong to the later one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,5 +106,5 @@ def between_samples(
     values = recording.columns[column]
     if hold == "linear":
         return np.interp(time, recording.time, values)
-    index = np.searchsorted(recording.time, time + _NEAREST * step, side="right") - 1
+    index = np.searchsorted(recording.time, time + NEAREST * step, side="right") - 1
     return values[np.maximum(index, 0)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
 from walkerkit.gap.simulation.floating import FloatingBase
 from walkerkit.gap.simulation.interpolate import delayed
-from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.start import memory, rest
 from walkerkit.gap.simulation.trials import Trials
 
@@ -23,6 +24,7 @@ _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
 _CONTROLLED = 1.0  # s of them that controllers which remember targets see besides
 _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this part of the longest
 MOST_STEPS = 1_000_000  # of the segments of a batch together; what is longer has one of its own
+_ROUNDED = 1e-9  # of the largest command; what changes less does not
 _APART = 0.01  # s; velocities so far apart tell the acceleration
 
 
@@ -126,6 +128,38 @@ class Group:
             applied[..., self.robot.joints[name].dof] /= trials.effort_scale[name][:, None, None]
         return applied
 
+    def jumps(
+        self, joint: Joint, ctrl: FloatArray, applied: FloatArray | None, delay: FloatArray
+    ) -> NDArray[np.bool_] | None:
+        """Where a joint's effort jumps as its targets do: a stamp that jitters is not between.
+
+        Args:
+            joint: the joint.
+            ctrl: (n, n_segments, before + steps, nu) controls, with some before the start.
+            applied: (n, n_segments, steps, nv) feed-forward effort, if there is any.
+            delay: (n, n_actuators) how late the drives act on their controls, in steps.
+
+        Returns:
+            (n or 1, n_segments, before + steps) whether what makes the effort changes at a step,
+            or None where targets are not held between their samples.
+        """
+        if self.hold == "linear":
+            return None
+        if not ctrl.strides[0] and (delay == delay[:1]).all():  # all trials are the same
+            ctrl, delay = ctrl[:1], delay[:1]
+        found = np.zeros(ctrl.shape[:3], dtype=bool)
+        for index, (name, drive) in self.drives.items():
+            if name != joint.name or self.robot.model.actuator_actnum[drive.actuator]:
+                continue  # an activation does not jump
+            changes = _changes(ctrl[..., index])
+            for late in np.unique(delay[:, drive.actuator]):
+                rows = np.flatnonzero(delay[:, drive.actuator] == late)
+                for age in {math.floor(late), math.ceil(late)}:
+                    found[rows, :, age:] |= changes[rows, :, : changes.shape[2] - age]
+        if applied is not None:
+            found[:, :, -applied.shape[2] :] |= _changes(applied[: len(found), ..., joint.dof])
+        return found
+
     def initial_state(self, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Measured states at each segment's start, shifted by (n, n_segments, n_joints) [s]."""
         variants = shift[:1] if (shift == shift[:1]).all() else shift
@@ -139,6 +173,13 @@ class Group:
                 which = slice(None) if alike else k
                 qpos[:, s, which], qvel[:, s, which] = q[:, which], v[:, which]
         return np.broadcast_to(qpos, shift.shape), np.broadcast_to(qvel, shift.shape)
+
+
+def _changes(values: FloatArray) -> NDArray[np.bool_]:
+    """Whether each of (n, n_segments, steps) values is another one than that before it."""
+    found = np.zeros(values.shape, dtype=bool)
+    found[..., 1:] = np.abs(np.diff(values)) > _ROUNDED * np.abs(values).max()
+    return found
 
 
 def similar_lengths(segments: Sequence[Segment], most: float) -> list[list[int]]:

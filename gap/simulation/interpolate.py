@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
+
+NEAREST: Final = 0.499
+"""Of a step: what happens up to so long after it belongs to it, what happens later to the next."""
 
 
 def delayed(values: FloatArray, past: int, steps: int, shift: FloatArray) -> FloatArray:
@@ -55,19 +59,32 @@ def _alike(ages: FloatArray) -> Iterator[tuple[slice, float]]:
             yield slice(s, s + 1), float(age)
 
 
-def at_index(series: FloatArray, index: FloatArray) -> FloatArray:
-    """Linear interpolation of (n, steps) rows at fractional (n, rows) or (1, rows) indices."""
+def at_index(
+    series: FloatArray, index: FloatArray, jumps: NDArray[np.bool_] | None = None
+) -> FloatArray:
+    """Values of (n, steps) rows at fractional (n, rows) or (1, rows) indices.
+
+    They are interpolated linearly, but read at the nearest step where they jump.
+
+    Args:
+        series: (n, steps).
+        index: (n, rows) or (1, rows).
+        jumps: (n, steps) or (1, steps), whether the series jumps before a step; nowhere by default.
+    """
     last = series.shape[1] - 1
     index = np.clip(index, 0, last)
     if (index == index[:1]).all():
         index = index[:1]
-        whole = np.minimum(index[0].astype(np.int64), last - 1)
-        part = index[0] - whole
-        early, late = series[:, whole], series[:, whole + 1]
-    else:
-        whole = np.minimum(index.astype(np.int64), last - 1)
-        part = index - whole
-        early = np.take_along_axis(series, whole, axis=1)
-        late = np.take_along_axis(series, whole + 1, axis=1)
-    between: FloatArray = early * (1 - part) + late * part
+    whole = np.minimum(index.astype(np.int64), last - 1)
+    part = index - whole
+    if jumps is not None:
+        part = np.where(_at(jumps, whole + 1), part > NEAREST, part)
+    between: FloatArray = _at(series, whole) * (1 - part) + _at(series, whole + 1) * part
     return between
+
+
+def _at(rows: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:
+    """Of (n, steps) those at (n, k) or (1, k)."""
+    if len(index) == 1:
+        return rows[:, index[0]]
+    return np.take_along_axis(np.broadcast_to(rows, (len(index), rows.shape[1])), index, axis=1)

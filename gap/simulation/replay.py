@@ -294,7 +294,7 @@ class Replay:
                 continue
             k = group.joints.index(channel.joint)
             joint = joints[k]
-            series = records[_RECORDS[channel.signal]]
+            series, jumps = records[_RECORDS[channel.signal]], None
             if channel.signal == "effort":
                 scale = trials.effort_scale[joint.name][:, None, None]
                 offset = trials.effort_offset[joint.name][:, None, None]
@@ -305,6 +305,9 @@ class Replay:
                 if changed is not None:
                     series = series + changed[..., k]
                 series = scale * series + offset
+                late = fields.get("actuator_delay", trials.own("actuator_delay"))
+                jumps = group.jumps(joint, ctrl, applied, made_delay(late, step) / step)
+                jumps = None if jumps is None else jumps[:, :, before:]
             else:
                 place = np.concatenate(
                     [qpos[..., [k]], _at_encoder(trials, joint, records["qpos"], "qpos")], axis=2
@@ -322,7 +325,7 @@ class Replay:
                 if (clocks == clocks[:, :1]).all():
                     clocks = clocks[:, :1]
                 at = (clocks[0, :, None] * self.time_of_row[span] + clocks[1, :, None]) / step
-                out[:, span, c] = at_index(series[:, s], at)
+                out[:, span, c] = at_index(series[:, s], at, None if jumps is None else jumps[:, s])
         return out
 
 

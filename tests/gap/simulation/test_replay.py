@@ -83,13 +83,13 @@ def measured_start(recording, joint, instant):
     return q0 + part * (q1 - q0), v0 + part * (v1 - v0)
 
 
-def by_hand(model, start, commands, times, applied=None):
+def by_hand(model, start, commands, times, applied=None, held=True):
     """Position, velocity and effort of both joints at `times` after the start, 6 columns."""
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = np.array(start).T
     step = model.opt.timestep
     steps = int(np.ceil(times[-1] / step - 1e-6)) + 1
-    states, efforts = [np.r_[data.qpos, data.qvel]], []
+    states, efforts, sent = [np.r_[data.qpos, data.qvel]], [], []
     for k in range(steps):
         data.ctrl[:] = commands(k * step)
         if applied is not None:
@@ -97,10 +97,25 @@ def by_hand(model, start, commands, times, applied=None):
         mujoco.mj_step(model, data)
         states.append(np.r_[data.qpos, data.qvel])
         efforts.append(data.qfrc_actuator + data.qfrc_applied)
+        commanded = data.qfrc_applied.copy()
+        commanded[model.jnt_dofadr[model.actuator_trnid[:, 0]]] += data.ctrl
+        sent.append(commanded)
     grid = step * np.arange(steps + 1)
     state = np.stack([np.interp(times, grid, column) for column in np.array(states).T], axis=1)
-    effort = np.stack([np.interp(times, grid[:-1], c) for c in np.array(efforts).T], axis=1)
-    return np.hstack([state, effort])
+    effort = [
+        [effort_at(t, grid[:-1], *of_joint, held) for t in times]
+        for of_joint in zip(np.array(efforts).T, np.array(sent).T, strict=True)
+    ]
+    return np.hstack([state, np.transpose(effort)])
+
+
+def effort_at(instant, grid, efforts, commands, held):
+    """Between two steps, but of the nearest where a held command is another at the later one."""
+    k = min(int(np.searchsorted(grid, instant, side="right")) - 1, len(grid) - 2)
+    part = (instant - grid[k]) / (grid[k + 1] - grid[k])
+    if held and commands[k] != commands[k + 1]:
+        return efforts[k + (part > 0.4995)]
+    return np.interp(instant, grid, efforts)
 
 
 def starts(recording, instant):
@@ -162,6 +177,7 @@ class TestByHand:
                 for j in JOINTS
             ],
             time - time[0],
+            held=False,
         )
         (got,) = predict(robot, whole(recording), hold="linear")
         np.testing.assert_allclose(got, expected, **NEAR)
@@ -187,15 +203,21 @@ class TestByHand:
         )
         (got,) = predict(robot, whole(recording))
         np.testing.assert_allclose(got, expected, **NEAR)
+        nearest = time[0] + STEP * np.round((time - time[0]) / STEP)
         np.testing.assert_allclose(
-            got[:, 4],
-            np.interp(
-                time,
-                time[0] + STEP * np.arange(1000),
-                held(recording, "hip/effort_target", time[0] + STEP * np.arange(1000)),
-            ),
-            atol=1e-9,
+            got[:, 4], held(recording, "hip/effort_target", nearest), atol=1e-9
         )
+
+    def test_effort_is_that_of_the_command_it_is_logged_with_where_stamps_jitter(self):
+        robot = arm('<motor joint="knee"/><motor joint="hip"/>')
+        rng = np.random.default_rng(0)
+        time = 0.004 * np.arange(200) + rng.uniform(-4e-4, 4e-4, 200)
+        columns = log(time).columns
+        columns = {f"{joint}/position": columns[f"{joint}/position"] for joint in JOINTS}
+        commands = {f"{joint}/effort_target": rng.normal(size=200) for joint in JOINTS}
+        recording = Recording(name="log", time=time, columns=columns | commands)
+        (got,) = predict(robot, whole(recording))
+        np.testing.assert_allclose(got[:, 4:], np.transpose(list(commands.values())), atol=1e-12)
 
     def test_feed_forward_effort_is_applied_beside_the_servo_and_logged_with_it(self):
         robot, time = arm(), irregular(150)
