@@ -81,7 +81,7 @@ class Payload(Effect):
     kind = "body"
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
-        """Bodies that a measured joint moves, and the base where it floats."""
+        """Bodies that a measured joint moves, with what is welded to them; a base that floats."""
         return _moved_bodies(robot, joints)
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
@@ -122,14 +122,15 @@ class ComOffset(Effect):
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
         """Bodies that a measured joint turns.
 
-        None whose centre of mass is on the axes of the only joints that it or any other body of its
-        robot has: MuJoCo computes such a body by a short cut that no trial can leave.
+        None that is welded to another, which has that offset too, and none whose centre of mass is
+        on the axes of the only joints that it or any other body of its robot has: MuJoCo computes
+        such a body by a short cut that no trial can leave.
         """
         model = robot.model
         return tuple(
             name
             for name in _moved_bodies(robot, joints)
-            if _felt(robot, name) and not model.body_simple[model.body(name).id]
+            if _felt(robot, name) and _turns_by_itself(model, model.body(name).id)
         )
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
@@ -157,6 +158,11 @@ class ComOffset(Effect):
         """Adds to `body_ipos`."""
         columns = ["xyz".index(axis) for axis in _felt(trials.robot, site)]
         trials.field("body_ipos")[:, trials.robot.model.body(site).id, columns] += values
+
+
+def _turns_by_itself(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body is not welded to another, and its centre of mass is none by a short cut."""
+    return bool(model.body_weldid[body] == body and not model.body_simple[body])
 
 
 def _felt(robot: Robot, body: str) -> str:

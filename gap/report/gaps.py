@@ -21,7 +21,8 @@ class GapSize:
         after: with the named effects added.
         noise_floor: what the measurement's own noise leaves, in the log and in the measured states
             from which replays restart.
-        numerical_floor: what the simulation's own timestep leaves.
+        numerical_floor: what the simulation's own timestep leaves, and how it rounds off dry
+            friction.
     """
 
     unit: str
@@ -32,7 +33,7 @@ class GapSize:
 
     @property
     def floor(self) -> float:
-        """What noise and timestep leave together."""
+        """What noise and numerical error leave together."""
         return math.hypot(self.noise_floor, self.numerical_floor)
 
     @property
@@ -68,6 +69,8 @@ class Gap:
         joints: joint to its position gap.
         signals: signal to its gap over all joints.
         scored: those that effects are judged by, and have to explain.
+        drier: friction that is as dry as it goes comes nearer to these recordings than a finer
+            timestep alone, and is part of the numerical floors.
     """
 
     position: GapSize
@@ -77,6 +80,7 @@ class Gap:
     joints: Mapping[str, GapSize]
     signals: Mapping[str, GapSize]
     scored: tuple[str, ...] = ("position",)
+    drier: bool = False
 
     @property
     def besides(self) -> dict[str, GapSize]:

@@ -97,10 +97,13 @@ def notes(
             quantity(size, unit)
             for size in (gap.position.numerical_floor, finer.before, finer.after)
         )
+        move, dry = "moves", ""
+        if gap.drier:
+            move, dry = "and its soft dry friction move", ", with friction as dry as it goes,"
         yield (
-            f"The simulation's own timestep of {step:g} s moves the positions by {moved}, more "
-            "than the noise; effects were judged with that error taken out. At a quarter of the "
-            f"timestep the position error is {before}"
+            f"The simulation's own timestep of {step:g} s {move} the positions by "
+            f"{moved}, more than the noise; effects were judged with that error taken out. At a "
+            f"quarter of the timestep{dry} the position error is {before}"
             + (f" before and {after} after." if effects else ".")
         )
     seconds = sum(r.whole.duration for r in {r.whole.name: r for r in seen.values()}.values())

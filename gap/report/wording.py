@@ -316,4 +316,5 @@ def _floors(gap: Gap, signal: str, size: GapSize) -> str:
     noise = f"the noise of the measurement alone would leave {floor}"
     if size.numerical_floor <= size.noise_floor:
         return noise
-    return f"{noise} and the timestep of the simulation {quantity(size.numerical_floor, size.unit)}"
+    own = "timestep and soft dry friction" if gap.drier else "timestep"
+    return f"{noise} and the {own} of the simulation {quantity(size.numerical_floor, size.unit)}"

@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 
 NEAREST: Final = 0.499
-"""Of a step: what happens up to so long after it belongs to it, what happens later to the next."""
+"""Of a step: what is stamped up to so long after it happens at it, what is later at the next."""
+
+_ROUNDED = 1e-6  # of a step
 
 
 def delayed(values: FloatArray, past: int, steps: int, shift: FloatArray) -> FloatArray:
@@ -60,27 +62,39 @@ def _alike(ages: FloatArray) -> Iterator[tuple[slice, float]]:
 
 
 def at_index(
-    series: FloatArray, index: FloatArray, jumps: NDArray[np.bool_] | None = None
+    series: FloatArray,
+    index: FloatArray,
+    jumps: NDArray[np.bool_] | None = None,
+    instant: FloatArray | None = None,
 ) -> FloatArray:
     """Values of (n, steps) rows at fractional (n, rows) or (1, rows) indices.
 
-    They are interpolated linearly, but read at the nearest step where they jump.
+    They are interpolated linearly, but for those between which they jump: before the jump it is
+    the value before it, and from then on that after it.
 
     Args:
         series: (n, steps).
         index: (n, rows) or (1, rows).
-        jumps: (n, steps) or (1, steps), whether the series jumps before a step; nowhere by default.
+        jumps: (n, steps) or (1, steps), whether the series jumps at a step; nowhere by default.
+        instant: as `index`, where it is counted from jumps; `index` itself by default.
     """
     last = series.shape[1] - 1
+    if instant is None:
+        instant = index
     index = np.clip(index, 0, last)
-    if (index == index[:1]).all():
-        index = index[:1]
+    if (index == index[:1]).all() and (instant == instant[:1]).all():
+        index, instant = index[:1], instant[:1]
     whole = np.minimum(index.astype(np.int64), last - 1)
     part = index - whole
     if jumps is not None:
-        part = np.where(_at(jumps, whole + 1), part > NEAREST, part)
+        part = np.where(_at(jumps, whole + 1), instant + _ROUNDED >= whole + 1, part)
     between: FloatArray = _at(series, whole) * (1 - part) + _at(series, whole + 1) * part
     return between
+
+
+def nearest_step(instant: FloatArray) -> FloatArray:
+    """The step at which what is stamped with an instant happens, of instants in steps."""
+    return np.ceil(instant - NEAREST)
 
 
 def _at(rows: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:

@@ -25,7 +25,12 @@ from walkerkit.gap.simulation.channel import Channel as Channel
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.gear_play import bend, loads
 from walkerkit.gap.simulation.group import MOST_STEPS, Group, similar_lengths
-from walkerkit.gap.simulation.interpolate import at_index, delayed, made_delay
+from walkerkit.gap.simulation.interpolate import (
+    at_index,
+    delayed,
+    made_delay,
+    nearest_step,
+)
 from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measured_past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.reading import Reading
@@ -321,11 +326,18 @@ class Replay:
                     series = readings[k].velocity(place, speed)
                 age = lead - behind[..., k]
             for s, span in enumerate(group.rows):
-                clocks = np.stack([rate[:, 0, k], age[:, s]])
+                clocks = np.stack([rate[:, 0, k], age[:, s], lead[:, s]])
                 if (clocks == clocks[:, :1]).all():
                     clocks = clocks[:, :1]
-                at = (clocks[0, :, None] * self.time_of_row[span] + clocks[1, :, None]) / step
-                out[:, span, c] = at_index(series[:, s], at, None if jumps is None else jumps[:, s])
+                time = self.time_of_row[span]
+                at = (clocks[0, :, None] * time + clocks[1, :, None]) / step
+                if jumps is None:
+                    out[:, span, c] = at_index(series[:, s], at)
+                else:
+                    # What is logged with a target is after it, however the stamps jitter.
+                    stamp = (time + clocks[2, :, None]) / step
+                    instant = nearest_step(stamp) + at - stamp
+                    out[:, span, c] = at_index(series[:, s], at, jumps[:, s], instant)
         return out
 
 

@@ -227,12 +227,12 @@ class Robot:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Named bodies that can move, in kinematic order."""
+        """Named bodies that can move, and those welded to them, in kinematic order."""
         model = self.model
         return tuple(
             model.body(body).name
             for body in range(1, model.nbody)
-            if model.body_weldid[body] == body and model.body(body).name
+            if model.body_weldid[body] and model.body(body).name
         )
 
     def check_joints(self, names: Iterable[str], source: str) -> None:

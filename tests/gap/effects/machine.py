@@ -170,10 +170,9 @@ class Machine:
         effort = effort[settle:]
         if self.clock != 1:
             then = time / self.clock
-            position, effort = (
-                np.stack([np.interp(then, time, column) for column in columns.T], axis=1)
-                for columns in (position, effort)
-            )
+            position = np.stack([np.interp(then, time, column) for column in position.T], axis=1)
+            # Targets are others at each step, and effort jumps with them.
+            effort = effort[np.floor(then / STEP + 1e-9).astype(int).clip(0, steps - 1)]
         if seed is not None:
             rng = np.random.default_rng(seed)
             position = position + NOISE["position"] * rng.normal(size=position.shape)

@@ -36,6 +36,30 @@ class TestComOffset(EffectContract):
         return {"shank": [0.013, -0.008, -0.024]}
 
 
+class TestWhatIsWelded:
+    """A tool or a foot: it has no joint of its own, but can carry something."""
+
+    @pytest.fixture
+    def robot(self):
+        text = LEG.format(**PLAIN)
+        foot = '<body name="foot" pos="0 0 -0.2"><geom size="0.02" mass="0.1"/></body>'
+        stand = '<body name="stand"><geom size="0.1" pos="0 2 0"/></body>'
+        text = text.replace("</body></body>", foot + "</body></body>" + stand)
+        return robot_from_spec(mujoco.MjSpec.from_string(text), "leg.xml")
+
+    def test_carries_a_payload_but_has_the_com_offset_of_what_it_is_welded_to(self, robot):
+        joints = list(robot.joints)
+        assert CATALOGUE["payload"].sites(robot, joints) == ("thigh", "shank", "foot")
+        assert CATALOGUE["com_offset"].sites(robot, joints) == ("thigh", "shank")
+
+    def test_a_payload_is_felt_where_it_is(self, robot):
+        trials = Trials(robot, 1)
+        CATALOGUE["payload"].apply(trials, "foot", np.array([[0.3]]))
+        mended = mend(trials)
+        assert mended.model.body("foot").mass[0] == pytest.approx(0.4)
+        assert mended.model.body("shank").mass[0] == robot.model.body("shank").mass[0]
+
+
 SETTINGS = {
     "of geoms": "",
     "of all geoms": '<compiler inertiafromgeom="true"/>',

@@ -66,8 +66,8 @@ class TestJoints:
         assert arm.drive("effort") is arm.drives[1]
         assert arm.drive("velocity") is None
 
-    def test_bodies_are_those_that_move_and_have_names(self, robot):
-        assert robot.bodies == ("cart", "head", "arm")
+    def test_bodies_are_those_that_move_or_are_welded_to_one_and_have_names(self, robot):
+        assert robot.bodies == ("cart", "head", "arm", "plate")
 
     def test_defaults_where_nothing_is_known(self, robot):
         assert robot.measured("arm") == Measurement()
