@@ -202,6 +202,7 @@ def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -
         if other_rounds[-1].fit.structure.terms:
             problem, rounds = other_problem, other_rounds
     final = rounds[-1].fit
+    problem = problem.as_read(final)
     mended = tuple(
         mend(final.structure.trials(robot, final.values[None])) for robot in problem.robots
     )
@@ -248,6 +249,7 @@ def compare(
         )
         problem = setup.problem(_known_hold(setup.robots) or "zero_order")
         rounds = name_effects(problem, [])
+        problem = problem.as_read(rounds[-1].fit)
         found = summarise(problem, rounds, problem.robots, seconds=0.0, searched=False)
         diagnosis = found.diagnosis
     notes = (*diagnosis.notes, *warning_notes(warned))

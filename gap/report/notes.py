@@ -113,6 +113,11 @@ def notes(
             "name nor that nothing is missing holds beyond them. Record some ten seconds of each "
             "kind of motion."
         )
+    if any(robot.reads_effort_first for robot in problem.robots):
+        yield (
+            "Efforts were taken to be read before the targets beside them act, as by a loop that "
+            "reads, computes and sends; the recordings agree with that."
+        )
     if problem.hold == "linear":
         yield (
             "Targets were interpolated between their samples, which explains the recordings "

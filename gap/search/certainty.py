@@ -81,7 +81,9 @@ def _pulled(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
     weighted = slopes.jacobian * objective.weights(there.mean_square)
     normal, _ = normal_equations(objective, there, slopes)
     inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
-    pulled: FloatArray = np.einsum("krc,irc->ki", objective.numerical.changes, weighted) @ inverse
+    pulled: FloatArray = (
+        np.einsum("krc,irc->ki", objective.numerical.of_the_timestep, weighted) @ inverse
+    )
     return pulled
 
 

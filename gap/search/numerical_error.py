@@ -4,7 +4,8 @@ What a finer timestep changes, and what another integrator, drier friction and a
 timestep change then, are added to a prediction by the factors that suit the measurement best: all 0
 for a log from a simulation with the same timestep; 1, 0, about 1 and up to 2 for a machine, which
 has no such error, if the timesteps are a half and a quarter. So no effect is named for an error
-that a finer step removes, or for how MuJoCo's solver rounds off the dry friction of a model.
+that a finer step removes, or for how MuJoCo's solver rounds off the dry friction of a model. Nor
+for the order in which a control loop reads efforts and sends targets, which a log does not tell.
 """
 
 from __future__ import annotations
@@ -18,16 +19,19 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-Way = Literal["half", "integrator", "friction", "quarter"]
+Way = Literal["half", "integrator", "friction", "reading", "quarter"]
 """Another way to integrate: half the timestep, and over that another integrator, friction that is
-as dry as it goes, and a quarter of the timestep."""
+as dry as it goes, and a quarter of the timestep. And another way to read efforts: before the
+targets beside them act, as a loop does that reads, computes and sends."""
 
 _FACTORS: Final[Mapping[Way, tuple[float, float]]] = {
     "half": (0.0, 3.0),
     "integrator": (-2.0, 2.0),
     "friction": (0.0, 2.0),
+    "reading": (0.0, 1.0),
     "quarter": (0.0, 2.5),
 }
+_OVER_OWN = ("half", "reading")  # the others change something of half the timestep
 _HALF_BESIDE_A_QUARTER = (0.0, 2.0)
 _SWEEPS = 30
 
@@ -60,9 +64,14 @@ class NumericalError:
         """
         half = others["half"]
         changes = np.stack(
-            [each - (own if way == "half" else half) for way, each in others.items()]
+            [each - (own if way in _OVER_OWN else half) for way, each in others.items()]
         )
         return cls(tuple(others), changes) if np.isfinite(changes).all() else cls.none(own.shape)
+
+    @property
+    def of_the_timestep(self) -> FloatArray:
+        """(k, rows, n_scored) those changes that come of how it is integrated."""
+        return self.changes[[way != "reading" for way in self.ways]]
 
     @property
     def bounds(self) -> FloatArray:

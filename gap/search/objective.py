@@ -165,6 +165,12 @@ class Objective:
         """As `residuals`, with the numerical error in them."""
         return _per_case(self._as_simulated(cases), cases)
 
+    def factor(self, way: Way, case: Case) -> float:
+        """How much of what another way changes suits one row of values best; 0 where unknown."""
+        residual = self.simulated([case])[0]
+        factors = self.numerical.take_out(residual, self._numerical_weights(residual))[0]
+        return float(factors[self.numerical.ways.index(way)]) if way in self.numerical.ways else 0.0
+
     def numerical_size(self) -> FloatArray:
         """(n_scored,) root mean square of what a finer timestep changes; 0 where unknown."""
         changes = self.numerical.changes

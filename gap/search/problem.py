@@ -38,20 +38,27 @@ _MOST_WHOLE = 80_000
 _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _MOST_PARTS = 8  # that are kept, with their numerical errors
+_RATHER = 0.5  # of what another reading of efforts changes, which is then the one told of
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
 _REMADE: Mapping[Way, Callable[[Robot], Robot]] = {
     "half": lambda robot: robot.refined(REFINEMENT),
     "integrator": lambda robot: robot.refined(REFINEMENT, other_integrator=True),
     "friction": lambda robot: robot.refined(REFINEMENT, as_dry_as_it_goes=True),
+    "reading": lambda robot: replace(robot, reads_effort_first=True),
     "quarter": lambda robot: robot.refined(REFINEMENT**2),
 }
 
 
-def _other_ways(robots: Sequence[Robot]) -> Mapping[Way, Callable[[Robot], Robot]]:
-    """How else some robots are simulated, to show the numerical error."""
-    dry = any(robot.has_dry_friction for robot in robots)
-    return {way: remake for way, remake in _REMADE.items() if dry or way != "friction"}
+def _other_ways(
+    robots: Sequence[Robot], channels: Sequence[Channel], hold: Hold
+) -> Mapping[Way, Callable[[Robot], Robot]]:
+    """How else some robots are simulated and read, to show the numerical error."""
+    needed: Mapping[Way, bool] = {
+        "friction": any(robot.has_dry_friction for robot in robots),
+        "reading": hold != "linear" and any(channel.signal == "effort" for channel in channels),
+    }
+    return {way: remake for way, remake in _REMADE.items() if needed.get(way, True)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +203,7 @@ class Problem:
         def finer() -> Mapping[Way, Objective]:
             return {
                 way: self._objective([remade(one, remake) for one in told])
-                for way, remake in _other_ways(self.robots).items()
+                for way, remake in _other_ways(self.robots, self.channels, self.hold).items()
             }
 
         return replace(self.fit, objective=self._objective(told), make_finer=finer)
@@ -209,6 +216,32 @@ class Problem:
     def _objective(self, replays: Sequence[Replay]) -> Objective:
         floor = self.fit.objective.floor
         return Objective(replays, self.channels, floor, n_threads=self.n_threads)
+
+    def as_read(self, explained: Fit) -> Problem:
+        """The same as it is told of: efforts read before targets, where that suits a fit better."""
+        self.refine(explained)
+        halves = self.fit, self.held
+        factors = [half.objective.factor("reading", explained.case) for half in halves]
+        if np.mean(factors) <= _RATHER:
+            return self
+        robots = {id(robot): _REMADE["reading"](robot) for robot in self.robots}
+
+        def read(half: Half) -> Half:
+            told = tuple(
+                Replay(
+                    robots[id(one.robot)],
+                    one.segments,
+                    one.channels,
+                    hold=self.hold,
+                    n_threads=one.n_threads,
+                )
+                for one in half.told
+            )
+            return replace(half, told=told)
+
+        return replace(
+            self, robots=tuple(robots.values()), fit=read(self.fit), held=read(self.held)
+        )
 
     def told_soon(self, half: Half) -> bool:
         """Whether a half is told of over whole rollouts, which do not take too long."""
@@ -297,7 +330,7 @@ def build(
             def made(remake: Callable[[Robot], Robot]) -> Objective:
                 return objective(replays(chosen, lambda robot: remake(stepped(robot)), scored))
 
-            return {way: made(remake) for way, remake in _other_ways(robots).items()}
+            return {way: made(remake) for way, remake in _other_ways(robots, scored, hold).items()}
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,13 @@ from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
 from walkerkit.gap.simulation.floating import FloatingBase
-from walkerkit.gap.simulation.interpolate import delayed
+from walkerkit.gap.simulation.interpolate import delayed, made_delay
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.start import memory, rest
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
+ModelFields = Callable[[str], NDArray[Any]]
 
 _LONGEST_DELAY = 0.3  # s of past commands kept before each segment
 _CONTROLLED = 1.0  # s of them that controllers which remember targets see besides
@@ -129,35 +131,55 @@ class Group:
         return applied
 
     def jumps(
-        self, joint: Joint, ctrl: FloatArray, applied: FloatArray | None, delay: FloatArray
-    ) -> NDArray[np.bool_] | None:
-        """Where a joint's effort jumps as its targets do: a stamp that jitters is not between.
+        self, joint: Joint, ctrl: FloatArray, applied: FloatArray | None, fields: ModelFields
+    ) -> FloatArray | None:
+        """How far a joint's effort jumps as its targets do.
 
         Args:
             joint: the joint.
             ctrl: (n, n_segments, before + steps, nu) controls, with some before the start.
             applied: (n, n_segments, steps, nv) feed-forward effort, if there is any.
-            delay: (n, n_actuators) how late the drives act on their controls, in steps.
+            fields: a model field's name → its (n, *shape) values.
 
         Returns:
-            (n or 1, n_segments, before + steps) whether what makes the effort changes at a step,
-            or None where targets are not held between their samples.
+            (n or 1, n_segments, before + steps) by how much the effort is more than before a step
+            for the sake of its targets [N·m, or N], but for its limits; or None where targets are
+            not held between their samples.
         """
         if self.hold == "linear":
             return None
-        if not ctrl.strides[0] and (delay == delay[:1]).all():  # all trials are the same
-            ctrl, delay = ctrl[:1], delay[:1]
-        found = np.zeros(ctrl.shape[:3], dtype=bool)
+        model = self.robot.model
+        delay, gain = fields("actuator_delay"), fields("actuator_gainprm")[..., 0]
+        if applied is None and not ctrl.strides[0] and _alike(delay) and _alike(gain):
+            ctrl, delay, gain = ctrl[:1], delay[:1], gain[:1]  # all trials do the same
+        found = np.zeros(ctrl.shape[:3])
         for index, (name, drive) in self.drives.items():
-            if name != joint.name or self.robot.model.actuator_actnum[drive.actuator]:
+            a = drive.actuator
+            if name != joint.name or model.actuator_actnum[a]:
                 continue  # an activation does not jump
-            changes = _changes(ctrl[..., index])
-            for late in np.unique(delay[:, drive.actuator]):
-                rows = np.flatnonzero(delay[:, drive.actuator] == late)
-                for age in {math.floor(late), math.ceil(late)}:
-                    found[rows, :, age:] |= changes[rows, :, : changes.shape[2] - age]
+            gears = gain[:, a] * model.actuator_gear[a, 0]
+            steps = gears[:, None, None] * _steps(ctrl[..., index])
+            late = made_delay(delay[:, a], model.opt.timestep) / model.opt.timestep
+            for age in np.unique(late):
+                rows, whole = np.flatnonzero(late == age), math.floor(age)
+                for shift, part in ((whole, 1 - age + whole), (whole + 1, age - whole)):
+                    if part:
+                        found[rows, :, shift:] += part * steps[rows, :, : steps.shape[2] - shift]
         if applied is not None:
-            found[:, :, -applied.shape[2] :] |= _changes(applied[: len(found), ..., joint.dof])
+            found[:, :, -applied.shape[2] :] += _steps(applied[..., joint.dof])
+        return found
+
+    def at_limit(self, joint: Joint, effort: FloatArray, fields: ModelFields) -> NDArray[np.bool_]:
+        """Where a joint's drive makes all that it can, of (n, n_segments, steps) efforts."""
+        found = np.zeros(effort.shape, dtype=bool)
+        for drive in joint.drives:
+            a = drive.actuator
+            if self.robot.model.actuator_forcelimited[a]:
+                ends = np.sort(
+                    fields("actuator_forcerange")[:, a] * self.robot.model.actuator_gear[a, 0]
+                )
+                lower, upper = ends.T[:, :, None, None]
+                found |= (effort <= lower) | (effort >= upper)
         return found
 
     def initial_state(self, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -175,10 +197,14 @@ class Group:
         return np.broadcast_to(qpos, shift.shape), np.broadcast_to(qvel, shift.shape)
 
 
-def _changes(values: FloatArray) -> NDArray[np.bool_]:
-    """Whether each of (n, n_segments, steps) values is another one than that before it."""
-    found = np.zeros(values.shape, dtype=bool)
-    found[..., 1:] = np.abs(np.diff(values)) > _ROUNDED * np.abs(values).max()
+def _alike(values: NDArray[Any]) -> bool:
+    return bool((values == values[:1]).all())
+
+
+def _steps(values: FloatArray) -> FloatArray:
+    """By how much each of (n, n_segments, steps) values is more than that before it."""
+    found = np.diff(values, prepend=values[..., :1])
+    found[np.abs(found) <= _ROUNDED * np.abs(values).max(initial=0.0)] = 0.0
     return found
 
 

@@ -92,6 +92,14 @@ def at_index(
     return between
 
 
+def jumps_at(jumps: FloatArray, instant: FloatArray) -> FloatArray:
+    """Of (n or 1, steps) jumps those that come at just these instants, (n, rows) or (1, rows)."""
+    step = np.clip(np.round(instant), 0, jumps.shape[1] - 1)
+    there = np.abs(instant - step) < _ROUNDED
+    found: FloatArray = np.where(there, _at(jumps, step.astype(np.int64)), 0.0)
+    return found
+
+
 def nearest_step(instant: FloatArray) -> FloatArray:
     """The step at which what is stamped with an instant happens, of instants in steps."""
     return np.ceil(instant - NEAREST)

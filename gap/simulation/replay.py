@@ -28,6 +28,7 @@ from walkerkit.gap.simulation.group import MOST_STEPS, Group, similar_lengths
 from walkerkit.gap.simulation.interpolate import (
     at_index,
     delayed,
+    jumps_at,
     made_delay,
     nearest_step,
 )
@@ -294,6 +295,10 @@ class Replay:
             for s, span in enumerate(group.rows):
                 at = (self.time_of_row[span] + lead[:, [s]]) / step
                 out[:, span, of_base] = group.base.shown(poses[:, s], s, at)[..., which]
+
+        def field(name: str) -> NDArray[Any]:
+            return fields[name] if name in fields else trials.own(name)
+
         for c, channel in enumerate(self.channels):
             if channel.of_base or channel.joint not in group.joints:
                 continue
@@ -305,14 +310,16 @@ class Replay:
                 offset = trials.effort_offset[joint.name][:, None, None]
                 # Effort is recorded as of the beginning of a step, the state as of its end.
                 series, age = series[..., joint.dof], lead - prompt[..., k]
+                jumps = group.jumps(joint, ctrl, applied, field)
+                if jumps is not None:
+                    jumps = scale * jumps[:, :, before:]
+                    if self.robot.reads_effort_first:
+                        jumps = np.where(group.at_limit(joint, series, field), 0.0, jumps)
                 if applied is not None:  # the same drive makes it, so its log shows it
                     series = series + applied[..., joint.dof]
                 if changed is not None:
                     series = series + changed[..., k]
                 series = scale * series + offset
-                late = fields.get("actuator_delay", trials.own("actuator_delay"))
-                jumps = group.jumps(joint, ctrl, applied, made_delay(late, step) / step)
-                jumps = None if jumps is None else jumps[:, :, before:]
             else:
                 place = np.concatenate(
                     [qpos[..., [k]], _at_encoder(trials, joint, records["qpos"], "qpos")], axis=2
@@ -337,7 +344,9 @@ class Replay:
                     # What is logged with a target is after it, however the stamps jitter.
                     stamp = (time + clocks[2, :, None]) / step
                     instant = nearest_step(stamp) + at - stamp
-                    out[:, span, c] = at_index(series[:, s], at, jumps[:, s], instant)
+                    out[:, span, c] = at_index(series[:, s], at, jumps[:, s] != 0, instant)
+                    if self.robot.reads_effort_first:
+                        out[:, span, c] -= jumps_at(jumps[:, s], instant)
         return out
 
 

@@ -148,6 +148,7 @@ class Robot:
         measurement: joint name to what is known of its measurement; absent means ideal.
         excursions: joint name to how far it went; absent means unknown.
         hold: what its targets are between samples, where that is known already.
+        reads_effort_first: its log shows efforts as they were before the targets beside them acted.
         laws: joint name to the drivetrain laws that it has beside the model, by name, each with its
             parameters.
         base: what floats, or None for a robot that is mounted or hung up.
@@ -161,6 +162,7 @@ class Robot:
     measurement: Mapping[str, Measurement] = field(default_factory=dict)
     excursions: Mapping[str, Excursion] = field(default_factory=dict)
     hold: Literal["zero_order", "linear"] | None = None
+    reads_effort_first: bool = False
     laws: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     base: Base | None = None
     notes: tuple[str, ...] = ()
