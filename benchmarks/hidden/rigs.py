@@ -159,6 +159,14 @@ def rate_of(rig: str, robot: int | None) -> float:
     return float(np.random.default_rng(robot).choice(RATES))
 
 
+def reads_first(rig: str, robot: int | None) -> bool:
+    """Whether a robot's log shows efforts as of before the targets beside them."""
+    if robot is None or rig == "standing_quadruped":
+        return False
+    rng = np.random.default_rng((robot, 1))
+    return bool(rng.integers(2))
+
+
 def _renumber(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
     """Makes another robot of the same build: heavier or lighter, with drives to match."""
     weight = float(np.exp(rng.uniform(*np.log(HEAVIER))))

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.hidden.cases import SIGNALS, Case
 from benchmarks.hidden.outcome import Hidden, Named, Outcome, Value
-from benchmarks.hidden.rigs import experiments, rate_of, write_rig
+from benchmarks.hidden.rigs import experiments, rate_of, reads_first, write_rig
 from benchmarks.hidden.truths import truth
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
@@ -140,6 +140,7 @@ def _recorded(
             substeps=substeps,
             names=list(targets),
             jitter=JITTER,
+            reads_first=reads_first(case.rig, case.robot),
         )
 
     names = [name for name in case.hide if name != "timestep"]

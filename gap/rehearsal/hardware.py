@@ -68,6 +68,7 @@ def run_hardware(
     substeps: int = 4,
     names: Sequence[str] | None = None,
     jitter: float = 0.0,
+    reads_first: bool = False,
 ) -> list[Recording]:
     """Runs experiments on a robot with hidden effects and logs them.
 
@@ -82,6 +83,7 @@ def run_hardware(
         names: the recordings' names; experiment_0, experiment_1 and so on by default.
         jitter: standard deviation of the rows' time stamps around the times at which they were
             taken, s; at most a tenth of the time between samples.
+        reads_first: a row's effort was read before its target arrived, not after.
 
     Returns:
         A recording of each experiment, T samples from time 0.
@@ -110,7 +112,9 @@ def run_hardware(
     longest = max(map(len, commands))
     together = np.stack([np.pad(c, ((0, longest - len(c)), (0, 0)), "edge") for c in commands], 1)
     lead = math.ceil(SETTLE / model.opt.timestep)
-    log = Log(drives, hidden, step=model.opt.timestep, stride=stride, start=lead)
+    log = Log(
+        drives, hidden, step=model.opt.timestep, stride=stride, start=lead, reads_first=reads_first
+    )
     held = np.repeat(together, stride, axis=0)
     ends = lead, max(log.values(longest) - lead - len(held), 0)
     sent = np.pad(held, (ends, (0, 0), (0, 0)), "edge")

@@ -39,6 +39,7 @@ class Log:
         step: float,
         stride: int,
         start: int,
+        reads_first: bool = False,
     ) -> None:
         """A log.
 
@@ -48,9 +49,11 @@ class Log:
             step: time from one value of the signals to the next, s.
             stride: values from one row to the next.
             start: value at which the log begins.
+            reads_first: a row's effort is that of the value before it.
         """
         self._late: Array = drives.sensor_delay / step
         self._stride, self._start = stride, start
+        self._effort_age = int(reads_first)
         self._errors = [waves(e, drives.joints) for e in hidden if e.effect == "kinematic_error"]
         fast = (1.0 + e.value("skew") for e in hidden if e.effect == "clock_skew")
         self._clock = math.prod(fast)
@@ -78,7 +81,8 @@ class Log:
             shown = shown + amplitude * np.sin(angle)
             slope += amplitude * periods * np.cos(angle)
         late = at - np.round(self._late, 9)
-        return np.stack([read(shown, late), read(slope * speed, late), read(effort, at + 0 * late)])
+        made = read(effort, at - self._effort_age + 0 * late)
+        return np.stack([read(shown, late), read(slope * speed, late), made])
 
     def base_rows(self, states: Array, *, count: int) -> Array:
         """What the rows show of the base, (n_values, n_sims, n) → (count, n_sims, n)."""

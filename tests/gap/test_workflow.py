@@ -235,6 +235,32 @@ def test_hardware_with_nothing_hidden_has_no_gap(
     nothing_named(diagnose(servo, seen(logs(seed=seed), *signals)))
 
 
+READ_FIRST = "Efforts were taken to be read before the targets beside them act"
+
+
+@pytest.mark.parametrize(
+    ("hidden", "expected"),
+    [
+        ([], []),
+        ([hide("viscous_friction", damping=0.3)], ["viscous_friction"]),
+        # Of two samples: what comes between the two cannot be told apart by efforts.
+        ([hide("command_delay", delay=0.008)], ["command_delay"]),
+    ],
+)
+def test_efforts_may_be_read_before_the_targets_beside_them_act(
+    servo: Path, hidden: list[HiddenEffect], expected: list[str]
+) -> None:
+    """As a loop does that reads, computes and sends; they lag by a sample, but nothing is late."""
+    recordings = run_hardware(servo, targets(), rate=RATE, hidden=hidden, seed=1, reads_first=True)
+    found = diagnose(servo, recordings, effects=MOVING)
+    assert [named.effect for named in found.effects] == expected
+    assert found.verdict == ("explained" if expected else "no_gap")
+    assert any(note.startswith(READ_FIRST) for note in found.notes)
+    sizes = [size for one in hidden for size in one.values.values()]
+    for named, value in zip(found.effects, sizes, strict=True):
+        assert values(named) == pytest.approx({named.parameters[0].name: value}, rel=0.1)
+
+
 def test_hardware_at_another_timestep_has_no_gap(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:

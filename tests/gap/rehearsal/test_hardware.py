@@ -469,6 +469,19 @@ def test_jitter_is_of_the_time_stamps_alone(write):
         run(file, jitter=1e-3)
 
 
+def test_effort_that_is_read_first_is_that_of_the_target_before(write):
+    file = write(gravity="0 0 0")
+    targets = np.zeros((100, 2))
+    targets[60:, 0] = 0.2
+    after, before = (run(file, targets, reads_first=first) for first in (False, True))
+    np.testing.assert_array_equal(signal(after, "position"), signal(before, "position"))
+    step = NUMBERS["kp"] * 0.2
+    for one, row in ((after, 60), (before, 61)):
+        effort = signal(one, "effort")[:, 0]
+        np.testing.assert_allclose(effort[:row], 0.0, atol=6 * EFFORT_NOISE)
+        assert effort[row] > 0.5 * step
+
+
 def test_pushes_come_at_other_times_in_every_experiment(write):
     file = write()
     pushed = run_hardware(file, [SMOOTH, SMOOTH], hidden=[hide("random_pushes")], rate=RATE, seed=0)

@@ -1,6 +1,7 @@
 """Replay, with commands, segments and the measured state: against loops over `mj_step` by hand."""
 
 import weakref
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -207,6 +208,25 @@ class TestByHand:
         np.testing.assert_allclose(
             got[:, 4], held(recording, "hip/effort_target", nearest), atol=1e-9
         )
+
+    @pytest.mark.parametrize("more", ["", 'forcerange="-12 9"', 'delay="0.004" nsample="3"'])
+    def test_efforts_that_were_read_before_the_targets_beside_them(self, more):
+        robot = arm(SERVO.format("hip", 60, 2, more) + SERVO.format("knee", 25, 1, ""))
+        recording = log(0.004 * np.arange(250))
+        (after,) = predict(robot, whole(recording))
+        (before,) = predict(replace(robot, reads_effort_first=True), whole(recording))
+        np.testing.assert_array_equal(after[:, :4], before[:, :4])
+        late = {"hip": 1 if "delay" in more else 0, "knee": 0}  # rows
+        for k, (joint, kp) in enumerate((("hip", 60), ("knee", 25))):
+            target = recording.columns[f"{joint}/position_target"]
+            acting = np.concatenate([np.repeat(target[:1], late[joint]), target])[: len(target)]
+            earlier = np.concatenate([acting[:1], acting[:-1]])
+            expected = after[:, 4 + k] - kp * (acting - earlier)
+            if "forcerange" in more and joint == "hip":
+                full = (after[:, 4] <= -12) | (after[:, 4] >= 9)
+                assert 10 < full.sum() < 240
+                expected = np.where(full, after[:, 4], expected)
+            np.testing.assert_allclose(before[:, 4 + k], expected, atol=1e-9)
 
     def test_effort_is_that_of_the_command_it_is_logged_with_where_stamps_jitter(self):
         robot = arm('<motor joint="knee"/><motor joint="hip"/>')
