@@ -66,8 +66,8 @@ def load(
         recordings: files or recordings of that model; none with a manifest.
         held_out: which of them no fit may see; by default some are chosen.
         window: seconds after which replays restart where joints are driven by effort.
-        hold: what the targets are between their samples; by default what the model's
-            `actuators.json` says, else they are held (`zero_order`).
+        hold: what the targets are between their samples: `zero_order`, `linear` or `next`; by
+            default what the model's `actuators.json` says, else they are held (`zero_order`).
         n_threads: threads of the simulation, and processes of its laws, 0 for all cores. Results
             do not depend on it.
         allow_code: a manifest may name `package.module:callable` as a model.

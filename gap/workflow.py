@@ -68,7 +68,7 @@ _FLEXIBLE = (
     "velocity_gain",
     "torque_bias",
 )
-_HOLD_MARGIN = 0.1  # the score by which interpolated targets have to be better than held ones
+_HOLD_MARGIN = 0.1  # the score by which other targets have to be better than held ones
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -346,10 +346,11 @@ def _known_hold(robots: Sequence[Robot]) -> Hold | None:
 def _best_hold(
     setup: Setup, effects: Sequence[Effect], progress: Progress | None
 ) -> tuple[Problem, tuple[Round, ...]]:
-    """Names effects with held targets and, where that leaves a gap, with interpolated ones too.
+    """Names effects with held targets and, where that leaves a gap, with others that suit better.
 
     A drive holds its last command, but a log at the rate of the control loop itself is better read
-    between samples than held for a simulation that is faster than the loop.
+    between samples than held for a simulation that is faster than the loop. And a log may show at
+    the end of a period what was commanded in it.
     """
     known = _known_hold(setup.robots)
     problem = setup.problem(known or "zero_order")
@@ -357,8 +358,10 @@ def _best_hold(
     # The search stops without candidates only where the gap is at the floor.
     if known is not None or not rounds[-1].candidates:
         return problem, rounds
-    other = setup.problem("linear")
-    if _flexible_score(problem) - _flexible_score(other) < _HOLD_MARGIN:
+    others = [setup.problem("linear"), setup.problem("next")]
+    flexible = [_flexible_score(one) for one in others]
+    other = others[int(np.argmin(flexible))]
+    if _flexible_score(problem) - min(flexible) < _HOLD_MARGIN:
         return problem, rounds
     other_rounds = name_effects(other, effects, progress)
     scores = [
@@ -376,6 +379,8 @@ def _flexible_score(problem: Problem) -> float:
     structure = Structure(terms, problem.robots)
     problem.searched.look_at(Case(structure=structure, values=structure.zero[None]))
     race = problem.race.objective
-    start = evaluate(race, [(structure, structure.zero)])
-    found = polished(race, start, iterations=_FLEXIBLE_STEPS, certain=False)
-    return float(weigh(problem, found).both[0])
+    (start,) = evaluate(race, [(structure, structure.zero)])
+    problem.race.refine(start)
+    (found,) = polished(race, [start], iterations=_FLEXIBLE_STEPS, certain=False)
+    problem.refine(found)
+    return float(weigh(problem, [found]).both[0])

@@ -118,6 +118,13 @@ def notes(
             "Efforts were taken to be read before the targets beside them act, as by a loop that "
             "reads, computes and sends; the recordings agree with that."
         )
+    if problem.hold == "next":
+        yield (
+            "Targets were taken to act from the row before the one that shows them, which explains "
+            "the recordings better: the log seems to be written after the step that a target was "
+            "for. Log what is sent in the row of what was measured before it, or move the targets "
+            "up by a row."
+        )
     if problem.hold == "linear":
         yield (
             "Targets were interpolated between their samples, which explains the recordings "

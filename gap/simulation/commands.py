@@ -1,7 +1,8 @@
 """The recorded commands as the controls of a simulation.
 
 Between samples a target is held, as a drive holds its last command, or interpolated, which comes
-closer to a loop that runs at the rate of the log; before the first sample it is the first.
+closer to a loop that runs at the rate of the log; before the first sample it is the first. Or it is
+the next sample, where a row is written after the step that its target was for.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from walkerkit.gap.simulation.robot import Joint, Robot
 
 FloatArray = NDArray[np.float64]
 
-Hold = Literal["zero_order", "linear"]
+Hold = Literal["zero_order", "linear", "next"]
 
 _KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
 
@@ -95,7 +96,8 @@ def between_samples(
         recording: the log.
         column: name of a column.
         time: (n,) instants of steps [s].
-        hold: `zero_order` for the last sample before each, or `linear`.
+        hold: `zero_order` for the last sample before each, `linear`, or `next` for the sample after
+            each, of logs that show at the end of a period what was commanded in it.
         step: the steps' length [s].
 
     Returns:
@@ -107,4 +109,6 @@ def between_samples(
     if hold == "linear":
         return np.interp(time, recording.time, values)
     index = np.searchsorted(recording.time, time + NEAREST * step, side="right") - 1
-    return values[np.maximum(index, 0)]
+    if hold == "next":
+        index += 1
+    return values[np.clip(index, 0, len(values) - 1)]

@@ -161,7 +161,7 @@ class Robot:
     joints: Mapping[str, Joint]
     measurement: Mapping[str, Measurement] = field(default_factory=dict)
     excursions: Mapping[str, Excursion] = field(default_factory=dict)
-    hold: Literal["zero_order", "linear"] | None = None
+    hold: Literal["zero_order", "linear", "next"] | None = None
     reads_effort_first: bool = False
     laws: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     base: Base | None = None

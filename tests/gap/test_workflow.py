@@ -622,6 +622,28 @@ def test_targets_between_samples_are_read_as_the_log_wants(servo: Path) -> None:
     assert any("interpolated" in note for note in result.diagnosis.notes)
 
 
+def test_targets_may_be_shown_after_the_period_that_they_were_for(
+    servo: Path, logs: Callable[..., list[Recording]]
+) -> None:
+    """As by a loop that commands, steps and then logs what it has commanded."""
+
+    def shown_late(recording: Recording) -> Recording:
+        columns = dict(recording.columns)
+        target = columns["knee/position_target"]
+        columns["knee/position_target"] = np.append(target[:1], target[:-1])
+        return replace(recording, columns=columns)
+
+    hidden = hide("viscous_friction", damping=0.3)
+    for recordings, expected in ((logs(), []), (logs(hidden), ["viscous_friction"])):
+        late = [shown_late(one) for one in recordings]
+        result = workflow.diagnose(servo, late, effects=MOVING, n_threads=1)
+        found = result.diagnosis
+        assert result.problem.hold == "next"
+        assert [named.effect for named in found.effects] == expected
+        assert found.verdict == ("explained" if expected else "no_gap")
+        assert any("from the row before" in note for note in found.notes)
+
+
 def test_joints_driven_by_effort_are_compared_over_windows(tmp_path: Path) -> None:
     model = tmp_path / "motor.xml"
     head, _, tail = SERVO.partition("<position joint")

@@ -602,6 +602,14 @@ class TestCommands:
             between_samples(recording, column, at, "linear", 1e-3),
             np.interp(at, time, recording.columns[column]),
         )
+        values = recording.columns[column]
+        earlier = replace(
+            recording, columns=recording.columns | {column: np.append(values[1:], values[-1])}
+        )
+        following = between_samples(recording, column, at, "next", 1e-3)
+        since = at >= time[0]
+        np.testing.assert_array_equal(following[since], held(earlier, column, at[since], 1e-3))
+        assert (following[~since] == recording.columns[column][0]).all()
 
     def test_a_sample_at_a_steps_own_instant_counts_whatever_the_rounding(self):
         recording = log(0.1 * np.arange(8))
