@@ -361,9 +361,10 @@ def _best_hold(
     if known is not None or not rounds[-1].candidates:
         return problem, rounds
     others = {_flexible_score(one): one for one in map(setup.problem, _OTHER_HOLDS)}
-    flexible, score = _flexible_score(problem), _score(problem, rounds)
+    score = _score(problem, rounds)
+    worst = max(_flexible_score(problem), score)
     for promised in sorted(others):
-        if flexible - promised < _HOLD_MARGIN:
+        if worst - promised < _HOLD_MARGIN:
             break
         other = others[promised]
         other_rounds = name_effects(other, effects, progress)
