@@ -360,13 +360,12 @@ def _best_hold(
     # The search stops without candidates only where the gap is at the floor.
     if known is not None or not rounds[-1].candidates:
         return problem, rounds
-    others = {_flexible_score(one): one for one in map(setup.problem, _OTHER_HOLDS)}
+    others = [(_flexible_score(one), one) for one in map(setup.problem, _OTHER_HOLDS)]
     score = _score(problem, rounds)
     worst = max(_flexible_score(problem), score)
-    for promised in sorted(others):
+    for promised, other in sorted(others, key=lambda one: one[0]):
         if worst - promised < _HOLD_MARGIN:
             break
-        other = others[promised]
         other_rounds = name_effects(other, effects, progress)
         named = {term.effect.name for term in other_rounds[-1].fit.structure.terms}
         # Of the next row and late by as much is held, which the first search did not get right.

@@ -251,7 +251,7 @@ def _nearest(
 
 
 def _finer(problem: Problem, replayed: Replayed, drier: bool) -> Replayed:
-    """The same replays at a quarter of the timestep, with friction that is as dry as it goes."""
+    """The same replays at a quarter of the timestep; `drier` with friction as dry as it goes."""
     fine = tuple(
         Replay(
             r.robot.refined(_QUARTER, as_dry_as_it_goes=drier),

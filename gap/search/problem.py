@@ -219,6 +219,8 @@ class Problem:
 
     def as_read(self, explained: Fit) -> Problem:
         """The same as it is told of: efforts read before targets, where that suits a fit better."""
+        if "reading" not in _other_ways(self.robots, self.channels, self.hold):
+            return self
         self.refine(explained)
         halves = self.fit, self.held
         factors = [half.objective.factor("reading", explained.case) for half in halves]
