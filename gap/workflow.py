@@ -41,11 +41,10 @@ from walkerkit.gap.report.diagnosis import Diagnosis
 from walkerkit.gap.report.notes import warning_notes
 from walkerkit.gap.report.output import main_files
 from walkerkit.gap.report.result import Result, summarise
-from walkerkit.gap.search.evidence import weigh
-from walkerkit.gap.search.fit import Progress, evaluate, polished
+from walkerkit.gap.search.fit import Progress
+from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem, build
-from walkerkit.gap.search.structure import Case, Structure, candidate_terms
 from walkerkit.gap.simulation.commands import Hold, driven_by_effort
 from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.mend import mend
@@ -59,18 +58,6 @@ from walkerkit.walkers.batch import counted_warnings, without_warnings
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.5  # s
-_FLEXIBLE_STEPS = 8
-_FLEXIBLE = (
-    "viscous_friction",
-    "coulomb_friction",
-    "armature",
-    "position_gain",
-    "velocity_gain",
-    "torque_bias",
-)
-_OTHER_HOLDS: tuple[Hold, ...] = ("linear", "next")
-_LATE = ("command_delay", "sensor_delay", "loop_delay")
-_HOLD_MARGIN = 0.1  # the score by which other targets have to be better than held ones
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,12 +182,12 @@ def diagnose(
 
 def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -> Result:
     """Names effects, mends the robots and puts it all into words."""
-    problem, rounds = _best_hold(setup, chosen, progress)
+    problem, rounds = _named(setup, chosen, progress)
     last = rounds[-1]
     if setup.may_split_in_time and last.one_sided and not last.fit.structure.terms:
         # An effect that one recording alone excites can be neither fitted nor confirmed on others.
         in_time = setup.split_in_time()
-        other_problem, other_rounds = _best_hold(in_time, chosen, progress)
+        other_problem, other_rounds = _named(in_time, chosen, progress)
         if other_rounds[-1].fit.structure.terms:
             problem, rounds = other_problem, other_rounds
     final = rounds[-1].fit
@@ -345,51 +332,7 @@ def _known_hold(robots: Sequence[Robot]) -> Hold | None:
     return next((robot.hold for robot in robots if robot.hold is not None), None)
 
 
-def _best_hold(
+def _named(
     setup: Setup, effects: Sequence[Effect], progress: Progress | None
 ) -> tuple[Problem, tuple[Round, ...]]:
-    """Names effects with held targets and, where that leaves a gap, with others that suit better.
-
-    A drive holds its last command, but a log at the rate of the control loop itself is better read
-    between samples than held for a simulation that is faster than the loop. And a log may show at
-    the end of a period what was commanded in it.
-    """
-    known = _known_hold(setup.robots)
-    problem = setup.problem(known or "zero_order")
-    rounds = name_effects(problem, effects, progress)
-    # The search stops without candidates only where the gap is at the floor.
-    if known is not None or not rounds[-1].candidates:
-        return problem, rounds
-    others = [(_flexible_score(one), one) for one in map(setup.problem, _OTHER_HOLDS)]
-    score = _score(problem, rounds)
-    worst = max(_flexible_score(problem), score)
-    for promised, other in sorted(others, key=lambda one: one[0]):
-        if worst - promised < _HOLD_MARGIN:
-            break
-        other_rounds = name_effects(other, effects, progress)
-        named = {term.effect.name for term in other_rounds[-1].fit.structure.terms}
-        # Of the next row and late by as much is held, which the first search did not get right.
-        undone = other.hold == "next" and not named.isdisjoint(_LATE)
-        if _score(other, other_rounds) < score - _HOLD_MARGIN and not undone:
-            return other, other_rounds
-    return problem, rounds
-
-
-def _score(problem: Problem, rounds: Sequence[Round]) -> float:
-    """How well what was named explains the recordings, in the light of its own numerical error."""
-    problem.refine(rounds[-1].fit)
-    return float(weigh(problem, [rounds[-1].fit]).both[0])
-
-
-def _flexible_score(problem: Problem) -> float:
-    """How well a drive with free friction, inertia, gains and bias explains the recordings."""
-    effects = [CATALOGUE[name] for name in _FLEXIBLE if name in CATALOGUE]
-    terms = candidate_terms(effects, problem.robots, problem.joints)
-    structure = Structure(terms, problem.robots)
-    problem.searched.look_at(Case(structure=structure, values=structure.zero[None]))
-    race = problem.race.objective
-    (start,) = evaluate(race, [(structure, structure.zero)])
-    problem.race.refine(start)
-    (found,) = polished(race, [start], iterations=_FLEXIBLE_STEPS, certain=False)
-    problem.refine(found)
-    return float(weigh(problem, [found]).both[0])
+    return name_with_best_hold(setup.problem, _known_hold(setup.robots), effects, progress)
