@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings.segments import cut
 from walkerkit.gap.recordings.state import with_more_noise
 from walkerkit.gap.report.diagnosis import Trace
 from walkerkit.gap.report.gaps import Gap, GapMap, GapSize
@@ -61,27 +60,12 @@ def replay_half(problem: Problem, half_name: str, robots: Sequence[Robot]) -> Re
         robots: one for each of the problem's.
     """
     half: Half = getattr(problem, half_name)
-    coarse = iter(half.told)
-    replays = []
-    for robot, recordings in zip(robots, half.recordings, strict=True):
-        if not recordings:
-            continue
-        template = next(coarse)
-        replays.append(
-            template
-            if robot is template.robot
-            else Replay(
-                robot,
-                cut(recordings, problem.window),
-                template.channels,
-                hold=problem.hold,
-                n_threads=template.n_threads,
-            )
-        )
-    return Replayed(
-        replays=tuple(replays),
-        predicted=tuple(as_they_are(replays, problem.n_threads)),
+    with_any = [robot for robot, some in zip(robots, half.recordings, strict=True) if some]
+    replays = tuple(
+        told if robot is told.robot else told.on(robot)
+        for robot, told in zip(with_any, half.told, strict=True)
     )
+    return Replayed(replays=replays, predicted=tuple(as_they_are(replays, problem.n_threads)))
 
 
 def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
@@ -252,15 +236,7 @@ def _nearest(
 
 def _finer(problem: Problem, replayed: Replayed, drier: bool) -> Replayed:
     """The same replays at a quarter of the timestep; `drier` with friction as dry as it goes."""
-    fine = tuple(
-        Replay(
-            r.robot.refined(_QUARTER, as_dry_as_it_goes=drier),
-            r.segments,
-            r.channels,
-            hold=problem.hold,
-        )
-        for r in replayed.replays
-    )
+    fine = tuple(r.on(r.robot.refined(_QUARTER, as_dry_as_it_goes=drier)) for r in replayed.replays)
     return Replayed(replays=fine, predicted=tuple(as_they_are(fine, problem.n_threads)))
 
 

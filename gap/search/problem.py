@@ -196,13 +196,9 @@ class Problem:
             return self.fit
         told = self.fit.told
 
-        def remade(one: Replay, remake: Callable[[Robot], Robot]) -> Replay:
-            robot, threads = remake(one.robot), one.n_threads
-            return Replay(robot, one.segments, self.channels, hold=self.hold, n_threads=threads)
-
         def finer() -> Mapping[Way, Objective]:
             return {
-                way: self._objective([remade(one, remake) for one in told])
+                way: self._objective([one.on(remake(one.robot), self.channels) for one in told])
                 for way, remake in _other_ways(self.robots, self.channels, self.hold).items()
             }
 
@@ -229,17 +225,7 @@ class Problem:
         robots = {id(robot): _REMADE["reading"](robot) for robot in self.robots}
 
         def read(half: Half) -> Half:
-            told = tuple(
-                Replay(
-                    robots[id(one.robot)],
-                    one.segments,
-                    one.channels,
-                    hold=self.hold,
-                    n_threads=one.n_threads,
-                )
-                for one in half.told
-            )
-            return replace(half, told=told)
+            return replace(half, told=tuple(one.on(robots[id(one.robot)]) for one in half.told))
 
         return replace(
             self, robots=tuple(robots.values()), fit=read(self.fit), held=read(self.held)

@@ -105,6 +105,16 @@ class Replay:
         """Simulation steps that one trial takes."""
         return sum(len(group.segments) * group.steps for group in self._groups)
 
+    def on(self, robot: Robot, channels: Sequence[Channel] | None = None) -> Replay:
+        """The same segments on another robot; of other channels where these are given."""
+        return Replay(
+            robot,
+            self.segments,
+            self.channels if channels is None else channels,
+            hold=self._hold,
+            n_threads=self.n_threads,
+        )
+
     def predict(self, trials: Trials) -> FloatArray:
         """Simulates every segment under every trial.
 
@@ -130,7 +140,7 @@ class Replay:
         for rebuild, rows in rebuilds(trials):
             own = trials if rows.size == trials.n else trials.rows(rows)
             if rebuild.needed:
-                rebuilt, replay = self._on(rebuild)
+                rebuilt, replay = self._rebuilt_as(rebuild)
                 found = replay.predicting(rebuilt.trials(own))
                 parts += [(rows[some], part) for some, part in found]
                 continue
@@ -143,19 +153,12 @@ class Replay:
                     parts.append((rows[some], self._predicting(own.rows(some))))
         return parts
 
-    def _on(self, rebuild: Rebuild) -> tuple[Rebuilt, Replay]:
-        """The same segments on another robot; those used last are kept."""
+    def _rebuilt_as(self, rebuild: Rebuild) -> tuple[Rebuilt, Replay]:
+        """The same segments on this robot rebuilt; those used last are kept."""
         found = self._rebuilt.pop(rebuild, None)
         if found is None:
             rebuilt = Rebuilt(rebuild, self.robot)
-            replay = Replay(
-                rebuilt.robot,
-                self.segments,
-                self.channels,
-                hold=self._hold,
-                n_threads=self.n_threads,
-            )
-            found = rebuilt, replay
+            found = rebuilt, self.on(rebuilt.robot)
             while len(self._rebuilt) >= _MOST_REBUILT:
                 self._rebuilt.popitem(last=False)
         self._rebuilt[rebuild] = found
