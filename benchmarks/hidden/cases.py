@@ -54,7 +54,7 @@ class Case:
         hide: names of the hidden effects.
         single: a joint effect sits in one joint; drawn by default.
         body: the body that has a body's effect; drawn by default.
-        removed: the workflow does not know the hidden effects.
+        removed: the workflow does not know the hidden effects, nor what leaves the same logs.
         off: what else is not as in the model.
         draw: which draw it is of; from 1 on, the robot has other numbers and its log another rate.
     """

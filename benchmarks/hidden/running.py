@@ -7,6 +7,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +20,7 @@ from benchmarks.hidden.rigs import experiments, rate_of, reads_first, write_rig
 from benchmarks.hidden.truths import truth
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.effects.equivalences import equivalences
+from walkerkit.gap.effects.equivalences import equivalences, spelled_out
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
@@ -66,7 +67,12 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
         everywhere = _places((), (), robot)
         truths = (Hidden(effect="timestep", places=everywhere, alike=(), text=text),)
     if case.removed:
-        gone = {name for one in truths for name in (one.effect, *one.alike)}
+        # With what leaves the same log, alone or together with another.
+        gone = {
+            name
+            for one in truths
+            for name in (one.effect, *one.alike, *chain.from_iterable(spelled_out(one.effect)))
+        }
         known = [name for name in known if name not in gone]
     start = time.perf_counter()
     try:
