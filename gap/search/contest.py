@@ -21,12 +21,11 @@ from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Term, carried
-from walkerkit.gap.search.trying import Tries
+from walkerkit.gap.search.trying import NEAR, Tries
 from walkerkit.gap.search.worth import close_to, worth_it
 
 _REFITS = 4
 _MOST_RIVALS = 5
-_NEAR = 2.0  # of a score, summed over the channels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +97,7 @@ def contests(problem: Problem, tries: Tries, current: Fit) -> list[Contest]:
         k
         for first, end in itertools.pairwise(firsts)
         for k in range(first + 1, end)
-        if channels * (fits[k].score - fits[first].score) < _NEAR
+        if channels * (fits[k].score - fits[first].score) < NEAR
     ]
     if near:
         slopes = linearised(objective, fits[0])
@@ -129,14 +128,14 @@ def contests(problem: Problem, tries: Tries, current: Fit) -> list[Contest]:
 def _entered(problem: Problem, tries: Tries, current: Fit, term: Term) -> _Entered:
     others = current.structure.without_term(term)
     (alone,) = refit(problem, current, [others])
-    rivals = _rivals(tries, alone, term.effect) if term.effect.fitted else []
     mine = others.with_term(term)
     values = carried(current.values, current.structure, mine)
+    own = replace(current, structure=mine, values=values)
     return _Entered(
         alone=alone,
-        own=replace(current, structure=mine, values=values),
-        rivals=tuple(rivals),
-        together=tuple(_ordinary_together(tries, alone, term.effect)),
+        own=own,
+        rivals=tuple(_rivals(tries, alone, own)) if term.effect.fitted else (),
+        together=tuple(_ordinary_together(tries, alone, own)),
     )
 
 
@@ -170,12 +169,13 @@ def size_of(one: Fit) -> tuple[int, int]:
     return len(terms), len(one.values)
 
 
-def _rivals(tries: Tries, alone: Fit, effect: Effect) -> list[Fit]:
-    """The best effects in place of one, on top of the others; few generalisations of it.
+def _rivals(tries: Tries, alone: Fit, own: Fit) -> list[Fit]:
+    """The best effects in place of the last one, on top of the others; few generalisations of it.
 
     Those that are plainer are among them in any case.
     """
-    tried = tries.on_top_of(alone, None, tries.like(alone.structure, effect))
+    effect = _last(own)
+    tried = tries.on_top_of(alone, None, tries.like(alone.structure, effect), own)
     singles = [
         tried.fits[i]
         for i in np.argsort(tried.evidence.both, kind="stable").tolist()
@@ -184,14 +184,15 @@ def _rivals(tries: Tries, alone: Fit, effect: Effect) -> list[Fit]:
     rivals = [one for one in singles if _is_rival(_last(one), effect)][:_MOST_RIVALS]
     met = {_last(one).name for one in rivals}
     plainer = [one for one in tries.effects if _is_plainer(one, effect) and one.name not in met]
-    return rivals + tries.each_on_top_of(alone, plainer)
+    return rivals + tries.each_on_top_of(alone, plainer, own)
 
 
-def _ordinary_together(tries: Tries, alone: Fit, effect: Effect) -> list[Fit]:
-    """All that every model has a little wrong in place of an effect that is rarer, if any."""
+def _ordinary_together(tries: Tries, alone: Fit, own: Fit) -> list[Fit]:
+    """All that every model has a little wrong in place of the last effect, if that is rarer."""
+    effect = _last(own)
     if effect.ordinary or not effect.fitted:
         return []
-    return tries.together_on_top_of(alone, [one for one in tries.effects if one.ordinary])
+    return tries.together_on_top_of(alone, [one for one in tries.effects if one.ordinary], own)
 
 
 def _is_better(problem: Problem, compared: Evidence, k: int, larger: bool) -> bool:

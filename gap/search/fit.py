@@ -61,6 +61,7 @@ def fit(
     iterations: int = 8,
     race: Sequence[int] | None = None,
     near: Slopes | None = None,
+    leader: float = np.inf,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> list[Fit]:
@@ -73,6 +74,7 @@ def fit(
         race: the race that each start is in, to give up on a structure that is too far behind the
             best of its race to catch up at its pace; None to take all to their end.
         near: slopes of a fit that has numbers in common with all starts, to begin with.
+        leader: a score; those too far behind it to catch up at their pace go no further.
         progress: called before each step.
         stage: what it is told.
 
@@ -81,7 +83,7 @@ def fit(
     """
     return _finished(
         [(start.structure, start.values) for start in starts],
-        lambda: _fit(objective, starts, iterations, race, near, progress, stage),
+        lambda: _fit(objective, starts, iterations, race, near, leader, progress, stage),
     )
 
 
@@ -91,6 +93,7 @@ def _fit(
     iterations: int,
     race: Sequence[int] | None,
     near: Slopes | None,
+    leader: float,
     progress: Progress | None,
     stage: str,
 ) -> list[Fit]:
@@ -124,9 +127,9 @@ def _fit(
                 best[i] = better
         active, before = [], active
         for i in before:
-            leader = _leader(best, race, race[i]) if race is not None else -np.inf
+            ahead = leader if race is None else min(leader, _leader(best, race, race[i]))
             least = _CONVERGED if race is None else _CONVERGED_IN_RACE
-            if gains[i] > least and (race is None or best[i].score - leader < _PACES * gains[i]):
+            if gains[i] > least and best[i].score - ahead < _PACES * gains[i]:
                 taken[i] += 1
                 most = iterations if race is None else _RACED // len(best[i].values)
                 if taken[i] < min(iterations, max(_FEWEST_RACED, most)):

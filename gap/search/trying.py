@@ -40,6 +40,7 @@ _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over
 _LIKE = 0.25  # of an effect's promise, which another has to reach to stand in for it
 _LITTLE = 0.1  # of what an effect promises
 _LESS = (0.3, 0.1)  # of a start that is worse than the present fit
+NEAR = 2.0  # of a score, summed over the channels
 _NO_MORE = 0.05  # of a promise, summed over the channels
 
 
@@ -69,15 +70,19 @@ class Tries:
         self._problem = problem
         self.effects = tuple(effects)
         self._progress = progress
-        self._tried: dict[tuple[_Key, frozenset[str] | None], Tried] = {}
+        self._tried: dict[tuple[_Key, frozenset[str] | None, _Key | None], Tried] = {}
         self._promised: dict[_Key, dict[str, float]] = {}  # in the order in which they were seen
 
     def known(self, structure: Structure) -> bool:
         """Whether everything has been tried on top of a structure."""
-        return (_key(structure), None) in self._tried
+        return (_key(structure), None, None) in self._tried
 
     def on_top_of(
-        self, current: Fit, base: Evidence | None, only: frozenset[str] | None = None
+        self,
+        current: Fit,
+        base: Evidence | None,
+        only: frozenset[str] | None = None,
+        instead_of: Fit | None = None,
     ) -> Tried:
         """Fits what promises most on top of a fit; nothing where that is at the floor.
 
@@ -85,10 +90,12 @@ class Tries:
             current: the fit.
             base: what the recordings say of it, where that is known.
             only: names of the effects that are looked at, one by one; None for all, and pairs.
+            instead_of: a fit with another effect; what is far behind that goes no further.
         """
         problem, count = self._problem, len(current.structure.terms)
-        everything = _key(current.structure), None
-        key = everything if everything in self._tried else (everything[0], only)
+        everything = _key(current.structure), None, None
+        rival = None if instead_of is None else _key(instead_of.structure)
+        key = everything if everything in self._tried else (everything[0], only, rival)
         if key in self._tried:
             return self._tried[key]
         if base is None:
@@ -123,22 +130,25 @@ class Tries:
             evaluate(race, starts),
             race=[len(structure.terms) for structure, _ in starts],
             near=slopes_to_carry(race, current),
+            leader=_in_reach_of(race, instead_of),
             progress=self._progress,
             stage=stage.format("fitting"),
         )
         self._tried[key] = Tried(fits=tuple(tried), evidence=weigh(problem, tried))
         return self._tried[key]
 
-    def each_on_top_of(self, current: Fit, effects: Sequence[Effect]) -> list[Fit]:
+    def each_on_top_of(self, current: Fit, effects: Sequence[Effect], instead_of: Fit) -> list[Fit]:
         """Each of some effects fitted on top of a fit, whatever it promises."""
         terms = self.terms(current.structure, effects)
         if not terms:
             return []
         race = self._race(current)
         (own,) = evaluate(race, [(current.structure, current.values)])
-        return fit(race, screen(race, own, terms))
+        return fit(race, screen(race, own, terms), leader=_in_reach_of(race, instead_of))
 
-    def together_on_top_of(self, current: Fit, effects: Sequence[Effect]) -> list[Fit]:
+    def together_on_top_of(
+        self, current: Fit, effects: Sequence[Effect], instead_of: Fit
+    ) -> list[Fit]:
         """Some effects fitted on top of a fit all at once; nothing where they are not several."""
         terms = self.terms(current.structure, effects)
         if len(terms) < 2:
@@ -148,7 +158,8 @@ class Tries:
             structure = structure.with_term(term)
         start = carried(current.values, current.structure, structure)
         race = self._race(current)
-        return fit(race, evaluate(race, [(structure, start)]))
+        starts = evaluate(race, [(structure, start)])
+        return fit(race, starts, leader=_in_reach_of(race, instead_of))
 
     def _race(self, current: Fit) -> Objective:
         self._problem.race.refine(current)
@@ -281,6 +292,14 @@ class Tries:
                 if sites:
                     found.append(replace(term, sites=sites, shared=False))
         return found
+
+
+def _in_reach_of(objective: Objective, one: Fit | None) -> float:
+    """The score from which on a rival comes near a fit; infinity where there is none."""
+    if one is None:
+        return np.inf
+    (own,) = evaluate(objective, [(one.structure, one.values)])
+    return own.score + NEAR / len(objective.channels)
 
 
 def _worth_a_race(
