@@ -21,7 +21,7 @@ from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Term, carried
-from walkerkit.gap.search.trying import NEAR, Tries
+from walkerkit.gap.search.trying import Tries, within_reach
 from walkerkit.gap.search.worth import close_to, worth_it
 
 _REFITS = 4
@@ -88,7 +88,7 @@ def contests(problem: Problem, tries: Tries, current: Fit) -> list[Contest]:
     if not entered:
         return []
     problem.refine(current)
-    objective, channels = problem.fit.objective, len(problem.channels)
+    objective, least = problem.fit.objective, within_reach(len(problem.channels))
     every = [one for met in entered for one in met.fits]
     fits = evaluate(objective, [(one.structure, one.values) for one in every])
     firsts = [0, *itertools.accumulate(len(met.fits) for met in entered)]
@@ -97,7 +97,7 @@ def contests(problem: Problem, tries: Tries, current: Fit) -> list[Contest]:
         k
         for first, end in itertools.pairwise(firsts)
         for k in range(first + 1, end)
-        if channels * (fits[k].score - fits[first].score) < NEAR
+        if fits[k].score - fits[first].score < least
     ]
     if near:
         slopes = linearised(objective, fits[0])

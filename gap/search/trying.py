@@ -40,7 +40,7 @@ _MORE_THAN_ONE = 0.3  # that a pair promises beyond the best single, summed over
 _LIKE = 0.25  # of an effect's promise, which another has to reach to stand in for it
 _LITTLE = 0.1  # of what an effect promises
 _LESS = (0.3, 0.1)  # of a start that is worse than the present fit
-NEAR = 2.0  # of a score, summed over the channels
+_NEAR, _NEAREST = 2.0, 0.7  # of a score, summed over the channels; in their mean, at most
 _NO_MORE = 0.05  # of a promise, summed over the channels
 
 
@@ -130,7 +130,7 @@ class Tries:
             evaluate(race, starts),
             race=[len(structure.terms) for structure, _ in starts],
             near=slopes_to_carry(race, current),
-            leader=_in_reach_of(race, instead_of),
+            leader=_to_come_near(race, instead_of),
             progress=self._progress,
             stage=stage.format("fitting"),
         )
@@ -144,7 +144,7 @@ class Tries:
             return []
         race = self._race(current)
         (own,) = evaluate(race, [(current.structure, current.values)])
-        return fit(race, screen(race, own, terms), leader=_in_reach_of(race, instead_of))
+        return fit(race, screen(race, own, terms), leader=_to_come_near(race, instead_of))
 
     def together_on_top_of(
         self, current: Fit, effects: Sequence[Effect], instead_of: Fit
@@ -159,7 +159,7 @@ class Tries:
         start = carried(current.values, current.structure, structure)
         race = self._race(current)
         starts = evaluate(race, [(structure, start)])
-        return fit(race, starts, leader=_in_reach_of(race, instead_of))
+        return fit(race, starts, leader=_to_come_near(race, instead_of))
 
     def _race(self, current: Fit) -> Objective:
         self._problem.race.refine(current)
@@ -294,12 +294,17 @@ class Tries:
         return found
 
 
-def _in_reach_of(objective: Objective, one: Fit | None) -> float:
+def within_reach(channels: int) -> float:
+    """By how much of a score, on so many channels, a fit is behind one that it may come up to."""
+    return min(_NEAR / channels, _NEAREST)
+
+
+def _to_come_near(objective: Objective, one: Fit | None) -> float:
     """The score from which on a rival comes near a fit; infinity where there is none."""
     if one is None:
         return np.inf
     (own,) = evaluate(objective, [(one.structure, one.values)])
-    return own.score + NEAR / len(objective.channels)
+    return own.score + within_reach(len(objective.channels))
 
 
 def _worth_a_race(
