@@ -137,7 +137,9 @@ class Tries:
         self._tried[key] = Tried(fits=tuple(tried), evidence=weigh(problem, tried))
         return self._tried[key]
 
-    def each_on_top_of(self, current: Fit, effects: Sequence[Effect], instead_of: Fit) -> list[Fit]:
+    def each_on_top_of(
+        self, current: Fit, effects: Sequence[Effect], instead_of: Fit | None = None
+    ) -> list[Fit]:
         """Each of some effects fitted on top of a fit, whatever it promises."""
         terms = self.terms(current.structure, effects)
         if not terms:
