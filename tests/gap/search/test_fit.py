@@ -454,17 +454,18 @@ class TestPolish:
         assert sum(rows) < certain
         np.testing.assert_allclose(found.values, best.values, rtol=0.05)
 
-    def test_what_cannot_catch_up_with_its_leader_goes_no_further(self, problem):
+    @pytest.mark.parametrize("improve", [fit, polished])
+    def test_what_cannot_catch_up_with_its_leader_goes_no_further(self, improve, problem):
         robot, recording, _ = problem
         one, rows = counted(robot, recording)
         hopeless = structure([robot], armature=["hip"])
         (start,) = evaluate(one, [(hopeless, hopeless.zero)])
         rows.clear()
-        (alone,) = polished(one, [start], iterations=20)
+        (alone,) = improve(one, [start], iterations=20)
         to_its_end = sum(rows)
         for leader, least, most in [(alone.score, 0.9, 1.0), (alone.score - 3.0, 0.0, 0.5)]:
             rows.clear()
-            (found,) = polished(one, [start], iterations=20, leader=leader)
+            (found,) = improve(one, [start], iterations=20, leader=leader)
             assert least * to_its_end <= sum(rows) <= most * to_its_end
             assert alone.score <= found.score <= start.score + 1e-12
 
