@@ -44,6 +44,12 @@ class Evidence:
     held_resampled: FloatArray
     both_resampled: FloatArray
 
+    @property
+    def fitted(self) -> FloatArray:
+        """(n_fits,) scores of the recordings that were fitted."""
+        scores: FloatArray = 2 * self.both - self.held
+        return scores
+
     @classmethod
     def joined(cls, parts: Sequence[Evidence]) -> Evidence:
         """The fits of several pieces of evidence, one after the other."""

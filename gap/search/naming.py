@@ -10,7 +10,7 @@ place, those as good are its confusion set. What is left is fitted over whole ro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ from walkerkit.gap.search.keeping import finalists, kept, over_whole, settled, w
 from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms
-from walkerkit.gap.search.trying import Tries
+from walkerkit.gap.search.trying import Key, Tried, Tries, key_of
 from walkerkit.gap.search.worth import confidence, one_sided, tied, worth_it
 
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
@@ -33,6 +33,7 @@ _MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
 _CHANCE = 0.05
 _MOST_EXCHANGES = 3
+_SEEN, _MOST_AHEAD = 0.25, 2  # of the gaps of what was fitted; how many are looked beyond
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,9 +95,10 @@ def name_effects(
     tries = Tries(problem, effects, progress)
     (nothing,) = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])
     current, base = settled(problem, _simulated_well(problem, effects, nothing))
-    exchanges = 0
+    exchanges, been = 0, set[Key]()
     while True:
-        grown = _grown(problem, tries, current, base)
+        been.add(key_of(current.structure))
+        grown = _grown(problem, tries, current, base, been)
         if grown is not None:
             current, base = grown
             continue
@@ -156,10 +158,44 @@ def _simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -
 
 
 def _grown(
-    problem: Problem, tries: Tries, current: Fit, base: Evidence
+    problem: Problem, tries: Tries, current: Fit, base: Evidence, been: Collection[Key]
 ) -> tuple[Fit, Evidence] | None:
-    """The fit with one or two more effects, or None where nothing is worth it."""
+    """The fit with some more effects, none of those that have `been`; None if none is worth it.
+
+    Each of two effects may need the other before it helps with recordings that no fit has seen. So
+    where nothing is worth it, the search goes on from what helps much with those that were fitted.
+    """
     tried = tries.on_top_of(current, base)
+    found = _worthy(problem, tries.effects, current, base, tried, been)
+    for one in _seen(current, base, tried):
+        if found is None:
+            ahead = tries.on_top_of(one, None)
+            found = _worthy(problem, tries.effects, current, base, ahead, been)
+    if found is None:
+        problem.refine(current)
+    return found
+
+
+def _seen(current: Fit, base: Evidence, tried: Tried) -> list[Fit]:
+    """The single effects that make the gaps of what was fitted much smaller, best first."""
+    fitted, count = tried.evidence.fitted, len(current.structure.terms) + 1
+    seen = [
+        i
+        for i, one in enumerate(tried.fits)
+        if len(one.structure.terms) == count and base.fitted[0] - fitted[i] >= _SEEN
+    ]
+    return [tried.fits[i] for i in sorted(seen, key=lambda i: fitted[i])[:_MOST_AHEAD]]
+
+
+def _worthy(
+    problem: Problem,
+    effects: Sequence[Effect],
+    current: Fit,
+    base: Evidence,
+    tried: Tried,
+    been: Collection[Key],
+) -> tuple[Fit, Evidence] | None:
+    """The best of what was tried, with what of it is needed, where it is worth more than a fit."""
     fits, evidence = list(tried.fits), Evidence.joined([base, tried.evidence])
     refined: set[int] = set()
 
@@ -180,15 +216,14 @@ def _grown(
         if winner is None:
             break
         added = fits[winner].structure.terms[len(current.structure.terms) :]
-        found = kept(problem, fits[winner], [term.effect for term in added], tries.effects)
-        if not tries.known(found.structure):
+        found = kept(problem, fits[winner], [term.effect for term in added], effects)
+        if key_of(found.structure) not in been:
             found, own = settled(problem, found)
-            effects = len(found.structure.terms)
-            if worth_it(problem, Evidence.joined([base, own]), 1, effects=effects):
+            count = len(found.structure.terms)
+            if worth_it(problem, Evidence.joined([base, own]), 1, effects=count):
                 return found, own
         # What was added does not hold, or not where it is needed.
         open_to.remove(winner)
-    problem.refine(current)
     return None
 
 

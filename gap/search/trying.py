@@ -28,7 +28,7 @@ from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate
 from walkerkit.gap.search.worth import least_gain
 
 FloatArray = NDArray[np.float64]
-_Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and whether shared
+Key = frozenset[tuple[str, tuple[str, ...], bool]]  # effects, their sites, and whether shared
 
 MOST_EFFECTS = 5
 _WARM, _KEPT_WARM = 2, 2  # steps, and how many take the second for each that is raced
@@ -70,12 +70,8 @@ class Tries:
         self._problem = problem
         self.effects = tuple(effects)
         self._progress = progress
-        self._tried: dict[tuple[_Key, frozenset[str] | None, _Key | None], Tried] = {}
-        self._promised: dict[_Key, dict[str, float]] = {}  # in the order in which they were seen
-
-    def known(self, structure: Structure) -> bool:
-        """Whether everything has been tried on top of a structure."""
-        return (_key(structure), None, None) in self._tried
+        self._tried: dict[tuple[Key, frozenset[str] | None, Key | None], Tried] = {}
+        self._promised: dict[Key, dict[str, float]] = {}  # in the order in which they were seen
 
     def on_top_of(
         self,
@@ -93,8 +89,8 @@ class Tries:
             instead_of: a fit with another effect; what is far behind that goes no further.
         """
         problem, count = self._problem, len(current.structure.terms)
-        everything = _key(current.structure), None, None
-        rival = None if instead_of is None else _key(instead_of.structure)
+        everything = key_of(current.structure), None, None
+        rival = None if instead_of is None else key_of(instead_of.structure)
         key = everything if everything in self._tried else (everything[0], only, rival)
         if key in self._tried:
             return self._tried[key]
@@ -321,7 +317,8 @@ def _worth_a_race(
     ]
 
 
-def _key(structure: Structure) -> _Key:
+def key_of(structure: Structure) -> Key:
+    """What tells structures apart, in whichever order their terms are."""
     return frozenset(structure.key)
 
 
