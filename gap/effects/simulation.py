@@ -42,7 +42,7 @@ class Timestep(Effect):
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """The timestep, and whether the integrator is the other one."""
-        own = float(robot.model.opt.timestep)
+        own = _as_read(robot)
         return (
             Parameter(
                 name="timestep",
@@ -64,12 +64,21 @@ class Timestep(Effect):
         )
 
     def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
-        """Sets `opt.timestep` and `opt.integrator`, which takes a robot that is compiled anew."""
+        """Sets `opt.timestep` and `opt.integrator`, which takes a robot that is compiled anew.
+
+        A robot with another timestep than its model's, which shows the numerical error, makes as
+        many steps in place of one: what is chosen has a numerical error of its own.
+        """
         option = trials.robot.model.opt
-        parts = np.clip(np.round(option.timestep / values[:, 0]), 1, None)
+        parts = np.clip(np.round(_as_read(trials.robot) / values[:, 0]), 1, None)
         other = values[:, 1] > 0.5
         if (parts > 1).any():
             trials.field("opt.timestep")[:] = option.timestep / parts
         if other.any():
             exchanged = _IMPLICIT if option.integrator == _EULER else _EULER
             trials.field("opt.integrator")[other] = exchanged
+
+
+def _as_read(robot: Robot) -> float:
+    """The timestep of a robot's model [s]."""
+    return float(robot.model.opt.timestep * robot.finer)

@@ -153,6 +153,7 @@ class Robot:
             parameters.
         base: what floats, or None for a robot that is mounted or hung up.
         notes: what a user should know of how the model was read.
+        finer: how many times shorter its timestep is than that of the model as it was read.
     """
 
     source: str
@@ -166,6 +167,7 @@ class Robot:
     laws: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     base: Base | None = None
     notes: tuple[str, ...] = ()
+    finer: float = 1.0
 
     @property
     def path(self) -> Path | None:
@@ -211,13 +213,13 @@ class Robot:
             )
         for delayed in (*spec.actuators, *spec.sensors):
             delayed.nsample *= factor
-        return replace(self, spec=spec, model=spec.compile())
+        return replace(self, spec=spec, model=spec.compile(), finer=self.finer * factor)
 
     def coarsened(self, factor: int) -> Robot:
         """The same robot with a timestep that is `factor` times longer."""
         spec = self.spec.copy()
         spec.option.timestep *= factor
-        return replace(self, spec=spec, model=spec.compile())
+        return replace(self, spec=spec, model=spec.compile(), finer=self.finer / factor)
 
     def measured(self, joint: str) -> Measurement:
         """What is known of a joint's measurement."""

@@ -280,6 +280,14 @@ def test_the_model_itself_has_no_gap(timestep: float, noise: float, servo: Path)
         assert found.gap.position.numerical_floor > 1e-4
 
 
+def test_of_steps_that_are_too_long_nothing_else_is_named(tmp_path: Path) -> None:
+    """What is chosen in place of one step has a numerical error of its own, like damping."""
+    coarse = tmp_path / "coarse.xml"
+    coarse.write_text(SERVO.replace('timestep="0.002"', 'timestep="0.01"'))
+    found = diagnose(coarse, stepped(1e-4, 5e-4), effects=["timestep", *MOVING])
+    assert [named.effect for named in found.effects] == ["timestep"]
+
+
 def stepped(timestep: float, noise: float) -> list[Recording]:
     """Logs of MuJoCo's own servo, all of it as in the model, with white noise."""
     spec = mujoco.MjSpec.from_string(SERVO)
