@@ -183,13 +183,14 @@ def diagnose(
 def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -> Result:
     """Names effects, mends the robots and puts it all into words."""
     problem, rounds = _named(setup, chosen, progress)
-    last = rounds[-1]
+    last, told = rounds[-1], list[str]()
     if setup.may_split_in_time and last.one_sided and not last.fit.structure.terms:
         # An effect that one recording alone excites can be neither fitted nor confirmed on others.
         in_time = setup.split_in_time()
         other_problem, other_rounds = _named(in_time, chosen, progress)
         if other_rounds[-1].fit.structure.terms:
             problem, rounds = other_problem, other_rounds
+            told.append(_in_time(setup.held_out))
     final = rounds[-1].fit
     problem = problem.as_read(final)
     mended = tuple(
@@ -197,7 +198,20 @@ def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -
     )
     if progress:
         progress("writing up", 0.0)
-    return with_hints(summarise(problem, rounds, mended, seconds=0.0))
+    only = None if len(chosen) == len(CATALOGUE) else tuple(effect.name for effect in chosen)
+    result = summarise(problem, rounds, mended, seconds=0.0, only=only)
+    notes = (*told, *result.diagnosis.notes)
+    return with_hints(replace(result, diagnosis=replace(result.diagnosis, notes=notes)))
+
+
+def _in_time(held_out: Recordings) -> str:
+    """Why blocks of time were held out instead of whole recordings, a sentence or two."""
+    names = ", ".join(recording.name for group in held_out for recording in group)
+    return (
+        f"Nothing showed both in the recordings that are fitted and in {names}, held out at first, "
+        "so blocks of time of all recordings are held out instead. `walkerkit compare` holds out "
+        "whole recordings, so that its gap is another."
+    )
 
 
 @on_one_thread

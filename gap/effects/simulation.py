@@ -52,6 +52,7 @@ class Timestep(Effect):
                 upper=own,
                 scale=own / _FINEST,
                 starts=(own / 2, own / 4, own, own / 4),
+                choice=True,
             ),
             Parameter(
                 name="integrator",
@@ -60,6 +61,7 @@ class Timestep(Effect):
                 upper=1.0,
                 scale=0.5,
                 starts=(0.0, 0.0, 1.0, 1.0),
+                choice=True,
             ),
         )
 

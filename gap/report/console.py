@@ -48,7 +48,7 @@ def render(diagnosis: Diagnosis) -> RenderableType:
     if doubts[0]:
         parts.append(heading("What cannot be told apart, and what would tell"))
     parts += [Text(doubt) for doubt in doubts if doubt]
-    parts += [heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis.gap))]
+    parts += [heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis))]
     if diagnosis.hints:
         parts += [heading("Stopgaps, which explain nothing"), *map(_hint, diagnosis.hints)]
     if diagnosis.notes:

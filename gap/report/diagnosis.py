@@ -185,6 +185,8 @@ class Diagnosis:
         traces: measured and simulated signals.
         seconds: wall time.
         searched: whether effects were looked for, or the gap was only measured.
+        only: the effects that were looked for, where it was not the whole catalogue.
+        held_out: names of the recordings, or of the parts of them, that no fit has seen.
         maps: where the gap of each signal lives, before and after; not in the JSON.
         hints: stopgaps for what remains.
         wiring: errors of wiring that were mended in the recordings before all else.
@@ -202,6 +204,8 @@ class Diagnosis:
     traces: tuple[Trace, ...] = field(repr=False)
     seconds: float
     searched: bool = True
+    only: tuple[str, ...] | None = None
+    held_out: tuple[str, ...] = ()
     maps: tuple[GapMap, ...] = field(default=(), repr=False)
     hints: tuple[Hint, ...] = ()
     wiring: tuple[WiringError, ...] = ()
@@ -247,6 +251,9 @@ class Diagnosis:
             "next_experiment": _next_experiment(self.next_experiment),
             **({"hints": [_hint(hint) for hint in self.hints]} if self.hints else {}),
             "recordings": list(self.recordings),
+            "held_out": list(self.held_out),
+            "searched": self.searched,
+            **({"only": list(self.only)} if self.only is not None else {}),
             "notes": list(self.notes),
             "seconds": self.seconds,
         }

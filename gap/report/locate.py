@@ -20,6 +20,11 @@ Masks = Sequence[Mapping[str, Mapping[str, NDArray[np.bool_]]]]
 
 _SHOWN = 8
 _LEAST_LIFT = 1.15
+_ONE_SIDED = 1.25  # times the lift of the opposite
+_OPPOSITE = {
+    **{"forward": "backward", "backward": "forward"},
+    **{"pose_low": "pose_high", "pose_high": "pose_low"},
+}
 
 
 def locate(
@@ -91,8 +96,18 @@ def gap_map(
 
 
 def standing_out(cells: Sequence[Location]) -> tuple[Location, ...]:
-    """Of a map the places that hold more than their part, largest excess first, and the joints."""
+    """Of a map the places that hold more than their part, largest excess first, and the joints.
+
+    A direction, or an end of the range, says something only where its opposite is another.
+    """
     ranked = sorted(cells, key=lambda at: (at.lift * at.share - at.share, at.share), reverse=True)
-    places = [at for at in ranked if at.regime != EVERYWHERE and at.lift >= _LEAST_LIFT]
+    lift = {(at.joint, at.regime): at.lift for at in cells}
+    places = [
+        at
+        for at in ranked
+        if at.regime != EVERYWHERE
+        and at.lift >= _LEAST_LIFT
+        and at.lift > _ONE_SIDED * lift.get((at.joint, _OPPOSITE.get(at.regime, "")), 0.0)
+    ]
     whole = sorted((at for at in ranked if at.regime == EVERYWHERE), key=lambda at: -at.share)
     return (*places[:_SHOWN], *whole)

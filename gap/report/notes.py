@@ -9,7 +9,7 @@ from walkerkit.gap.effects.equivalences import spelled_out
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import NamedEffect, Verdict
 from walkerkit.gap.report.gaps import Gap
-from walkerkit.gap.report.quantity import quantity
+from walkerkit.gap.report.quantity import percent, quantity
 from walkerkit.gap.search.problem import Problem
 
 _UNSURE = 0.9
@@ -36,6 +36,7 @@ def notes(
     *,
     scales: Mapping[str, float],
     searched: bool,
+    only: Sequence[str] | None,
 ) -> Iterator[str]:
     """The notes of a diagnosis, most important first.
 
@@ -47,6 +48,7 @@ def notes(
         verdict: the verdict.
         scales: joint to logged over simulated effort, where that is all that is wrong with it.
         searched: whether effects were looked for.
+        only: their names, where it was not the whole catalogue.
     """
     seen = {r.name: r for half in (problem.fit, problem.held) for g in half.recordings for r in g}
     wholes = {recording.whole.name for recording in seen.values()}
@@ -73,9 +75,10 @@ def notes(
         )
     if verdict == "unexplained":
         yield (
-            "Nothing in the catalogue makes the held-out gap smaller by more than chance. The "
-            "locations show the regime that a missing effect would have to act in."
-            if searched
+            f"Nothing {'in the catalogue' if only is None else 'that was tried'} makes the "
+            "held-out gap smaller by more than chance. The locations show the regime that a missing "
+            "effect would have to act in."
+            if searched and only != ()
             else "`walkerkit diagnose` with the same arguments looks for the missing effect."
         )
     if verdict == "partly_explained":
@@ -87,8 +90,8 @@ def notes(
             if not size.mostly_closed:
                 before, after = (quantity(one, size.unit) for one in (size.before, size.after))
                 yield (
-                    f"The {signal} error is {before} before and {after} after: what is named does "
-                    f"not explain the {signal}."
+                    f"The {signal} error is {before} before and {after} after: what is named "
+                    f"explains {percent(size.closed)} of the way to its floor."
                 )
     if gap.finer_position is not None:
         step, unit = problem.robots[0].model.opt.timestep, gap.position.unit
@@ -102,7 +105,8 @@ def notes(
             move, dry = "and its soft dry friction move", ", with friction as dry as it goes,"
         yield (
             f"The simulation's own timestep of {step:g} s {move} the positions by "
-            f"{moved}, more than the noise; effects were judged with that error taken out. At a "
+            f"{moved}, more than the noise"
+            f"{'; effects were judged with that error taken out' if searched else ''}. At a "
             f"quarter of the timestep{dry} the position error is {before}"
             + (f" before and {after} after." if effects else ".")
         )
@@ -151,7 +155,7 @@ def _of_effect(named: NamedEffect) -> Iterator[str]:
             f"{named.effect} cannot be told from {', '.join(named.indistinguishable_from)} with "
             "these recordings and channels; it stands for all of them."
         )
-    elif named.confidence < _UNSURE:
+    if named.confidence < _UNSURE:
         yield f"{named.effect} is named with a confidence of only {named.confidence:.2f}."
     if not CATALOGUE[named.effect].fitted:
         return

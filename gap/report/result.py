@@ -149,6 +149,7 @@ def summarise(
     *,
     seconds: float,
     searched: bool = True,
+    only: tuple[str, ...] | None = None,
 ) -> Result:
     """Puts a finished search into words and numbers.
 
@@ -158,6 +159,7 @@ def summarise(
         mended: the robots with everything that was named.
         seconds: wall time so far.
         searched: whether effects were looked for.
+        only: their names, where it was not the whole catalogue.
 
     Returns:
         The result.
@@ -214,12 +216,19 @@ def summarise(
                 verdict,
                 scales=effort_scales(after.values(), gap),
                 searched=searched,
+                only=only,
             )
         ),
         wiring=named_errors(everything),
         traces=traces(problem, before, after),
         seconds=seconds,
         searched=searched,
+        only=only,
+        held_out=tuple(
+            dict.fromkeys(r.name for group in problem.held.recordings for r in group)
+            if gap.held_out
+            else ()
+        ),
     )
     return Result(
         diagnosis=diagnosis,

@@ -67,11 +67,17 @@ def place(named: NamedEffect) -> str:
         return ""
     if sites == (EVERYWHERE,):
         return " of the whole robot"
-    shown = [label(name) for name in sites]
-    if len(shown) > _FEW:
-        shown = [*shown[: _FEW - 1], f"{len(shown) - _FEW + 1} more"]
+    shown = _some(sites)
     kind = " at " if named.joints else " of body " if len(sites) == 1 else " of bodies "
     return kind + listed(shown)
+
+
+def _some(names: Sequence[str]) -> list[str]:
+    """The names, or few of them and how many more there are."""
+    shown = [label(name) for name in names]
+    if len(shown) > _FEW:
+        shown = [*shown[: _FEW - 1], f"{len(shown) - _FEW + 1} more"]
+    return shown
 
 
 def step(named: NamedEffect) -> str:
@@ -89,12 +95,13 @@ def estimate(of: Estimate) -> tuple[str, str, str]:
     """An estimate as it is printed.
 
     Returns:
-        The number, with ± only where it is an estimate; its unit; and a warning, or "".
+        The number, with ± only where it is fitted; its unit; and a warning, or "".
     """
     text, unit = estimate_text(of.value, None if of.at_bound else of.std, of.unit)
     if of.at_bound:
         return text, unit, AT_BOUND
-    return text, unit, "" if "±" in text else NOT_IDENTIFIABLE
+    chosen = of.std == 0  # among a few values, not fitted
+    return text, unit, "" if chosen or "±" in text else NOT_IDENTIFIABLE
 
 
 def interval(of: Estimate) -> str:
@@ -140,11 +147,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "unexplained" or not diagnosis.effects:
         where = spot(diagnosis.locations[0]) if diagnosis.locations else ""
-        subject = (
-            "No effect of the catalogue explains the gap"
-            if diagnosis.searched
-            else "Simulation and measurement disagree"
-        )
+        subject = _nothing_explains(diagnosis)
         return (
             f"{subject}: {error} is "
             f"{quantity(size.before, size.unit)}, where {noise}"
@@ -163,6 +166,14 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         f"{_found(diagnosis.effects)}: {error} shrinks from {before} to {after}, where {noise}"
         f"{f'. What remains stands out most at {left}' if left else ''}."
     )
+
+
+def _nothing_explains(diagnosis: Diagnosis) -> str:
+    if not diagnosis.searched or diagnosis.only == ():
+        return "Simulation and measurement disagree"
+    if diagnosis.only is None:
+        return "No effect of the catalogue explains the gap"
+    return f"The gap is not explained by {listed(diagnosis.only, 'or')}, the only effects tried"
 
 
 def signals(gap: Gap) -> dict[str, GapSize]:
@@ -202,13 +213,15 @@ def _shrinks(size: GapSize) -> bool:
     return size.after <= _SHRUNK * size.before
 
 
-def basis(gap: Gap) -> str:
+def basis(diagnosis: Diagnosis) -> str:
     """On what the gap was measured."""
-    data = (
-        "on held-out recordings, which no fit has seen"
-        if gap.held_out
-        else "on the recordings that were fitted, so that it flatters the model"
-    )
+    gap = diagnosis.gap
+    data = "on the recordings that were fitted, so that it flatters the model"
+    if gap.held_out:
+        whole = {*diagnosis.held_out} <= {*diagnosis.recordings}
+        names = f" ({listed(_some(diagnosis.held_out))})" if diagnosis.held_out else ""
+        what = f"recordings{names}" if whole else "blocks of time of the recordings"
+        data = f"on held-out {what}, which no fit has seen"
     replay = (
         "over whole rollouts"
         if gap.horizon is None

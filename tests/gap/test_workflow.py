@@ -527,7 +527,7 @@ def test_a_gap_is_explained_only_where_the_effort_is(
         assert [named.effect for named in one.effects] == ["viscous_friction"]
         assert one.gap.position.at_floor
     assert clean.effects[0].confidence > 0.9 > found.effects[0].confidence
-    assert any("does not explain the effort" in note for note in found.notes)
+    assert any(note.startswith("The effort error is") for note in found.notes)
 
 
 def test_a_gap_of_the_effort_alone_is_a_gap(

@@ -95,6 +95,11 @@ def test_a_gap_is_found_in_its_regime(regime):
     assert first.lift == pytest.approx(2 / where.mean(), rel=0.12)
 
 
+def test_a_gap_in_both_directions_is_in_none():
+    moving = REGIMES["forward"] | REGIMES["backward"]
+    assert not {"forward", "backward"} & {at.regime for at in place(moving)}
+
+
 def test_a_gap_at_high_effort_is_found_where_effort_was_logged():
     effort = np.sin(0.9 * TIME) ** 3
     where = np.abs(effort) > 0.6

@@ -145,6 +145,8 @@ DIAGNOSIS = {
     "effects": [(EFFECT, BODY_EFFECT, REASONED, REASONED_BODY)],
     "next_experiment": (EXPERIMENT, SET_UP, None),
     "recordings": [str],
+    "held_out": [str],
+    "searched": bool,
     "notes": [str],
     "seconds": NUMBER,
 }
@@ -173,7 +175,8 @@ def fits(value: Any, form: Any) -> bool:
 def check_diagnosis(content: dict[str, Any]) -> None:
     for key, form in DIAGNOSIS.items():
         assert fits(content[key], form), (key, content[key])
-    assert set(content) == set(DIAGNOSIS)
+    assert set(content) - {"only"} == set(DIAGNOSIS)
+    assert fits(content.get("only", []), [str])
     assert content["schema"] == 1
     assert content["verdict"] in ("explained", "partly_explained", "no_gap", "unexplained")
     gap = content["gap"]

@@ -87,10 +87,28 @@ def test_a_value_at_its_bound_has_no_error_whatever_it_claims(leg: LegDiagnosis)
 
 
 def test_the_basis_says_where_it_was_measured(leg: LegDiagnosis, confused: Diagnosis) -> None:
-    assert "held-out recordings" in wording.basis(leg().gap)
-    assert "whole rollouts" in wording.basis(leg().gap)
-    assert "flatters the model" in wording.basis(confused.gap)
-    assert "windows of 0.5 s" in wording.basis(confused.gap)
+    whole = replace(leg(), recordings=("walk", "steps"), held_out=("steps",))
+    assert "on held-out recordings (steps), which no fit has seen" in wording.basis(whole)
+    assert "whole rollouts" in wording.basis(whole)
+    in_time = replace(whole, held_out=("walk[2:3]", "steps[2:3]"))
+    assert "on held-out blocks of time of the recordings" in wording.basis(in_time)
+    assert "flatters the model" in wording.basis(confused)
+    assert "windows of 0.5 s" in wording.basis(confused)
+
+
+def test_what_was_not_tried_is_not_said_to_explain_nothing(leg: LegDiagnosis) -> None:
+    nothing = replace(leg(), verdict="unexplained", effects=())
+    assert wording.verdict_sentence(nothing).startswith("No effect of the catalogue explains")
+    few = wording.verdict_sentence(replace(nothing, only=("torque_bias", "backlash")))
+    assert few.startswith("The gap is not explained by torque_bias or backlash, the only effects")
+    none = wording.verdict_sentence(replace(nothing, only=()))
+    assert none.startswith("Simulation and measurement disagree")
+
+
+def test_what_was_chosen_has_no_error_and_no_warning(leg: LegDiagnosis) -> None:
+    (estimate,) = leg().effects[0].parameters
+    chosen = replace(estimate, name="timestep", value=0.0025, std=0.0, unit="s")
+    assert wording.estimate(chosen) == ("2.50", "ms", "")
 
 
 def test_a_weak_next_experiment_is_not_sold_as_a_strong_one(confused: Diagnosis) -> None:
