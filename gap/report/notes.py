@@ -76,8 +76,8 @@ def notes(
     if verdict == "unexplained":
         yield (
             f"Nothing {'in the catalogue' if only is None else 'that was tried'} makes the "
-            "held-out gap smaller by more than chance. The locations show the regime that a missing "
-            "effect would have to act in."
+            "held-out gap smaller by more than chance. The locations show the regime that a "
+            "missing effect would have to act in."
             if searched and only != ()
             else "`walkerkit diagnose` with the same arguments looks for the missing effect."
         )

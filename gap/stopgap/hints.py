@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from walkerkit.gap.report.diagnosis import Diagnosis, Hint
 from walkerkit.gap.report.gaps import GapSize
 from walkerkit.gap.report.regimes import EVERYWHERE
-from walkerkit.gap.stopgap.learned import LearnedDrive, learned_drive
+from walkerkit.gap.stopgap.learned import LearnedDrive, learned_drive, why_none
 from walkerkit.gap.stopgap.residual import residual_effort
 from walkerkit.gap.stopgap.sparse import Formula, formula
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 _UNEXPLAINED = ("unexplained", "partly_explained")
 _MOST_JOINTS, _SHARE = 3, 0.1  # of the squared gap
-_NO_HINT = (
-    "There is no stopgap either: no formula of positions, velocities and efforts makes the missing "
+_NO_FORMULA = (
+    "There is no formula as a stopgap: none of positions, velocities and efforts makes the missing "
     "effort smaller where it was not fitted. Longer recordings may have one."
 )
 _USE = """\
@@ -56,7 +56,7 @@ def with_hints(result: Result) -> Result:
     missing = residual_effort(problem, result.robots, joints)
     if missing is None:
         return result
-    hints, drives = [], []
+    hints, drives, notes = [], [], list[str]()
     for k, joint in enumerate(joints):
         found = formula(missing, k)
         if found is not None:
@@ -65,9 +65,18 @@ def with_hints(result: Result) -> Result:
         if drive is not None:
             drives.append(drive)
             hints.append(_of_drive(diagnosis, drive))
-    if not hints:
-        diagnosis = replace(diagnosis, notes=(*diagnosis.notes, _NO_HINT))
-    return replace(result, diagnosis=replace(diagnosis, hints=tuple(hints)), stopgaps=tuple(drives))
+        else:
+            notes.append(_no_drive(result, joint))
+    if not any(hint.kind == "formula" for hint in hints):
+        notes.insert(0, _NO_FORMULA)
+    diagnosis = replace(diagnosis, hints=tuple(hints), notes=(*diagnosis.notes, *notes))
+    return replace(result, diagnosis=diagnosis, stopgaps=tuple(drives))
+
+
+def _no_drive(result: Result, joint: str) -> str:
+    why = why_none(result.problem, result.robots[0], joint)
+    because = why or "with one that was trained, held-out recordings are not followed much better"
+    return f"There is no learned drive at {joint} as a stopgap: {because}."
 
 
 def _drive(result: Result, joint: str) -> LearnedDrive | None:

@@ -98,15 +98,9 @@ def learned_drive(
         before: its position error on held-out recordings as it is [rad; m].
 
     Returns:
-        The drive, or None where the joint's effort was not logged or says nothing, its drive cannot
-        be replaced, or the network is not worth it.
+        The drive, or None where none can be trained (`why_none`), or it is not worth it.
     """
-    logged = all(
-        recording.signal(joint, "effort") is not None
-        for half in (problem.fit, problem.held)
-        for recording in half.recordings[0]
-    )
-    if len(problem.robots) > 1 or not logged or not can_close(robot, joint):
+    if why_none(problem, robot, joint):
         return None
     late = float(robot.model.actuator_delay[robot.joints[joint].drives[0].actuator])
     lag = round(late / robot.model.opt.timestep)
@@ -131,6 +125,24 @@ def learned_drive(
     )
     after = closed_loop_gap(problem, problem.held, robot, joint, runnable(drive), lag=lag)
     return replace(drive, after=after) if after < (1 - _SHRINKS) * before else None
+
+
+def why_none(problem: Problem, robot: Robot, joint: str) -> str:
+    """Why no network can be trained in the place of a joint's drive, or "".
+
+    Args:
+        problem: what the recordings are of.
+        robot: the mended robot.
+        joint: the joint.
+    """
+    if len(problem.robots) > 1:
+        return "the recordings are of several models"
+    recordings = [r for half in (problem.fit, problem.held) for r in half.recordings[0]]
+    if any(recording.signal(joint, "effort") is None for recording in recordings):
+        return "its effort was not logged"
+    if not can_close(robot, joint):
+        return "its drive is no plain servo, or what is named acts in it or in how it is read"
+    return ""
 
 
 def runnable(drive: LearnedDrive) -> Law:

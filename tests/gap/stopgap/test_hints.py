@@ -12,7 +12,7 @@ from tests.gap.stopgap import rig
 from walkerkit import gap
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.stopgap.closed_loop import can_close, closed_loop_gap
-from walkerkit.gap.stopgap.learned import learned_drive, runnable
+from walkerkit.gap.stopgap.learned import learned_drive, runnable, why_none
 from walkerkit.walkers import MjcfWalker
 from walkerkit.walkers.saved import saved_actuators
 
@@ -99,7 +99,10 @@ def test_a_loop_that_runs_away_is_infinitely_bad(soft):
 def test_joints_that_cannot_be_replaced(soft):
     (robot,) = soft.robots
     assert can_close(robot, rig.JOINT)
-    assert not can_close(replace(robot, laws={rig.JOINT: {"cogging": {}}}), rig.JOINT)
+    with_law = replace(robot, laws={rig.JOINT: {"cogging": {}}})
+    assert not can_close(with_law, rig.JOINT)
+    assert why_none(soft.problem, robot, rig.JOINT) == ""
+    assert "what is named acts in it" in why_none(soft.problem, with_law, rig.JOINT)
 
 
 def test_no_hint_where_nothing_is_missing(tmp_path):
@@ -119,4 +122,6 @@ def test_that_there_is_none_is_said(tmp_path):
     diagnosis = diagnosed(tmp_path, [short(one) for one in rig.logs(drive=rig.soft)]).diagnosis
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.hints == ()
-    assert "no stopgap either" in diagnosis.notes[-1]
+    formula, drive = diagnosis.notes[-2:]
+    assert formula.startswith("There is no formula as a stopgap")
+    assert drive.startswith("There is no learned drive at shaft as a stopgap: its effort was not")
