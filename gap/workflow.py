@@ -52,6 +52,7 @@ from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.size import check_size
 from walkerkit.gap.stopgap.hints import with_hints
+from walkerkit.gap.units import with_checked_angles, with_checked_velocities
 from walkerkit.gap.wiring import rewired_experiments
 from walkerkit.walkers.batch import counted_warnings, without_warnings
 
@@ -274,15 +275,24 @@ def prepare(
             robot = with_sidecar(robot, robot.path)
         for recording in experiment.recordings:
             robot.check_joints(recording.joints, source(recording))
-            robot.check_angles(recording.columns, source(recording))
         robots.append(robot)
-        fitting = tuple(suited(robot, tidied(recording)) for recording in experiment.recordings)
+        fitting = tuple(
+            suited(robot, tidied(with_checked_angles(robot, recording)))
+            for recording in experiment.recordings
+        )
         suiting.append(replace(experiment, recordings=fitting))
     experiments = without_placeholders(suiting)
     for robot, experiment in zip(robots, experiments, strict=True):
         check_size(robot.model, robot.source, experiment.recordings)
     recordings = [r for experiment in experiments for r in experiment.recordings]
     check_recordings(recordings)
+    experiments = tuple(
+        replace(
+            experiment,
+            recordings=tuple(with_checked_velocities(robot, r) for r in experiment.recordings),
+        )
+        for robot, experiment in zip(robots, experiments, strict=True)
+    )
     windowed = any(
         robot.base is not None or driven_by_effort(robot, recording)
         for robot, experiment in zip(robots, experiments, strict=True)
