@@ -32,6 +32,7 @@ from walkerkit.gap.recordings.checks import (
     source,
     without_placeholders,
 )
+from walkerkit.gap.recordings.given import OneOrMore
 from walkerkit.gap.recordings.manifest import Experiment, load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.split import Recordings, split, split_in_time
@@ -112,11 +113,11 @@ class Setup:
 @on_one_thread
 def diagnose(
     model: str | Path,
-    recordings: Sequence[str | Path | Recording] = (),
+    recordings: OneOrMore = (),
     *,
-    held_out: Sequence[str | Path | Recording] = (),
+    held_out: OneOrMore = (),
     window: float = WINDOW,
-    effects: Sequence[str] | None = None,
+    effects: str | Sequence[str] | None = None,
     n_threads: int = 0,
     allow_code: bool = False,
     allow_outside: bool = False,
@@ -129,11 +130,11 @@ def diagnose(
 
     Args:
         model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
-        recordings: files or recordings of that model; none with a manifest.
+        recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see.
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
-        effects: names of the effects to consider; all by default.
+        effects: names of the effects to consider, or one; all by default.
         n_threads: threads of the simulation, and processes of its laws, 0 for all cores. Results
             do not depend on it.
         allow_code: a manifest may name `package.module:callable` as a model.
@@ -204,9 +205,9 @@ def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -
 @on_one_thread
 def compare(
     model: str | Path,
-    recordings: Sequence[str | Path | Recording] = (),
+    recordings: OneOrMore = (),
     *,
-    held_out: Sequence[str | Path | Recording] = (),
+    held_out: OneOrMore = (),
     window: float = WINDOW,
     n_threads: int = 0,
     allow_code: bool = False,
@@ -323,19 +324,27 @@ def prepare(
     return setup.split_in_time()
 
 
-def check_effects(names: Sequence[str] | None) -> None:
-    """Raises InputError where one of the names is not in the catalogue."""
-    for name in names or ():
+def effect_names(names: str | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names of effects, a single one as a tuple of one; None stays for all.
+
+    Raises:
+        InputError: one of them is not in the catalogue.
+    """
+    if names is None:
+        return None
+    listed = (names,) if isinstance(names, str) else tuple(names)
+    for name in listed:
         if name not in CATALOGUE:
             raise InputError(
                 f"effect {name!r} is not in the catalogue{closest(name, CATALOGUE)}: "
                 f"{', '.join(CATALOGUE)}."
             )
+    return listed
 
 
-def _effects(names: Sequence[str] | None) -> list[Effect]:
-    check_effects(names)
-    return [effect for name, effect in CATALOGUE.items() if names is None or name in names]
+def _effects(names: str | Sequence[str] | None) -> list[Effect]:
+    chosen = effect_names(names)
+    return [effect for name, effect in CATALOGUE.items() if chosen is None or name in chosen]
 
 
 def _known_hold(robots: Sequence[Robot]) -> Hold | None:

@@ -19,6 +19,7 @@ import mujoco
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
 from walkerkit.actuators.play import play_joint
 from walkerkit.gap.errors import InputError, closest, one_line
+from walkerkit.gap.recordings.given import model_name
 from walkerkit.gap.recordings.manifest import is_callable
 from walkerkit.gap.simulation import dry_friction
 from walkerkit.gap.simulation.base import Base, find_base
@@ -261,10 +262,10 @@ def load_robot(source: str | Path, *, floating: bool = False, allow_outside: boo
         InputError: the file is missing, reaches out of its folder or does not compile, or the robot
             has no joint to compare.
     """
-    name = str(source)
+    name = model_name(source)
     if is_callable(name):
         return robot_from_spec(_spec_from_callable(name, floating), name)
-    return robot_from_spec(_spec_from_file(Path(source), allow_outside), name)
+    return robot_from_spec(_spec_from_file(Path(name), allow_outside), name)
 
 
 def robot_from_spec(spec: mujoco.MjSpec, source: str) -> Robot:
