@@ -24,8 +24,8 @@ from walkerkit.gap.blas import on_one_thread
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.fitted import Fitted, FittedEffect
+from walkerkit.gap.recordings.given import OneOrMore
 from walkerkit.gap.recordings.manifest import load_experiments
-from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.report.diagnosis import Trace
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.gaps import Gap, Location
@@ -42,7 +42,7 @@ from walkerkit.gap.search.structure import Fit, Structure, Term, candidate_terms
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
-from walkerkit.gap.workflow import WINDOW, check_effects, prepare
+from walkerkit.gap.workflow import WINDOW, effect_names, prepare
 
 FloatArray = NDArray[np.float64]
 
@@ -50,9 +50,9 @@ FloatArray = NDArray[np.float64]
 @on_one_thread
 def load(
     model: str | Path,
-    recordings: Sequence[str | Path | Recording] = (),
+    recordings: OneOrMore = (),
     *,
-    held_out: Sequence[str | Path | Recording] = (),
+    held_out: OneOrMore = (),
     window: float = WINDOW,
     hold: Hold | None = None,
     n_threads: int = 0,
@@ -63,7 +63,7 @@ def load(
 
     Args:
         model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
-        recordings: files or recordings of that model; none with a manifest.
+        recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see; by default some are chosen.
         window: seconds after which replays restart where joints are driven by effort.
         hold: what the targets are between their samples: `zero_order`, `linear` or `next`; by
@@ -157,7 +157,7 @@ def locate(replayed: Comparison) -> tuple[Location, ...]:
 @on_one_thread
 def fit(
     problem: Problem,
-    effects: Mapping[str, Sequence[str] | str],
+    effects: Mapping[str, Sequence[str] | str] | Sequence[str] | str,
     *,
     progress: Progress | None = None,
 ) -> Fitted:
@@ -167,7 +167,7 @@ def fit(
         problem: what `load` returned.
         effects: name of each effect to the joints or bodies that have it, each with values of its
             own; `"*"` for everywhere that it can act, with one value for all where one cause
-            usually acts on all joints (a bus, a filter).
+            usually acts on all joints (a bus, a filter). Names alone, or one, are everywhere.
         progress: called with what is being done and how far it is.
 
     Returns:
@@ -176,6 +176,8 @@ def fit(
     Raises:
         InputError: an effect is not in the catalogue, or cannot act where it is to act.
     """
+    if not isinstance(effects, Mapping):
+        effects = dict.fromkeys(effect_names(effects) or (), EVERYWHERE)
     terms = [_term(problem, name, sites) for name, sites in effects.items()]
     found, slopes = _settled(problem, _begun(problem, terms, progress), progress)
     robots = tuple(
@@ -231,7 +233,7 @@ def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -
 
 
 def _term(problem: Problem, name: str, sites: Sequence[str] | str) -> Term:
-    check_effects([name])
+    effect_names(name)
     possible = candidate_terms([CATALOGUE[name]], problem.robots, problem.joints)
     everywhere = possible[0].sites if possible else ()
     wanted = (sites,) if isinstance(sites, str) else tuple(sites)

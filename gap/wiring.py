@@ -29,6 +29,7 @@ from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
+from walkerkit.gap.units import velocity_likeness
 
 FloatArray = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ _WORST = 3.0  # of the motion; a simulation that ran away is no worse
 _STILL = 1e-3  # rad or m; a joint that moves less says nothing
 _FOLLOWS = 0.7  # correlation of a joint with the other's simulation
 _AGAINST = 0.4  # correlation, opposite, of a joint of which a sign is wrong
-_OPPOSITE = 0.25  # of its gap to the slope of the positions, that a negated velocity may have
+_OPPOSITE = 0.9  # correlation of the slope of the positions with a negated velocity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -454,16 +455,14 @@ def _liveliest(source: int, recording: Recording, length: float, most: int) -> I
 def _with_velocity(recording: Recording, robot: Robot) -> Recording:
     """The recording with flipped signs of velocities mended, which need no simulation to show."""
     for joint in recording.joints:
-        velocity = recording.signal(joint, "velocity")
-        if velocity is None:
+        likeness = velocity_likeness(recording, joint)
+        if likeness is None or likeness.alike > -_OPPOSITE:
             continue
-        position = recording.columns[f"{joint}/position"]
+        velocity, position = (recording.columns[f"{joint}/{s}"] for s in ("velocity", "position"))
         slope = Smoothed(recording.time, position[None]).slope_at(recording.time)[:, 0]
         before, after = (
             float(np.sqrt(np.mean((sign * velocity - slope) ** 2))) for sign in (1, -1)
         )
-        if after >= _OPPOSITE * before or np.ptp(position) < _STILL:
-            continue
         error = WiringError(
             kind="sign_flip",
             joints=(joint,),

@@ -32,6 +32,7 @@ from walkerkit.gap.recordings.checks import (
     source,
     without_placeholders,
 )
+from walkerkit.gap.recordings.given import OneOrMore
 from walkerkit.gap.recordings.manifest import Experiment, load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.split import Recordings, split, split_in_time
@@ -52,6 +53,7 @@ from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.size import check_size
 from walkerkit.gap.stopgap.hints import with_hints
+from walkerkit.gap.units import with_checked_angles, with_checked_velocities
 from walkerkit.gap.wiring import rewired_experiments
 from walkerkit.walkers.batch import counted_warnings, without_warnings
 
@@ -111,11 +113,11 @@ class Setup:
 @on_one_thread
 def diagnose(
     model: str | Path,
-    recordings: Sequence[str | Path | Recording] = (),
+    recordings: OneOrMore = (),
     *,
-    held_out: Sequence[str | Path | Recording] = (),
+    held_out: OneOrMore = (),
     window: float = WINDOW,
-    effects: Sequence[str] | None = None,
+    effects: str | Sequence[str] | None = None,
     n_threads: int = 0,
     allow_code: bool = False,
     allow_outside: bool = False,
@@ -128,11 +130,11 @@ def diagnose(
 
     Args:
         model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
-        recordings: files or recordings of that model; none with a manifest.
+        recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see.
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
-        effects: names of the effects to consider; all by default.
+        effects: names of the effects to consider, or one; all by default.
         n_threads: threads of the simulation, and processes of its laws, 0 for all cores. Results
             do not depend on it.
         allow_code: a manifest may name `package.module:callable` as a model.
@@ -217,9 +219,9 @@ def _in_time(held_out: Recordings) -> str:
 @on_one_thread
 def compare(
     model: str | Path,
-    recordings: Sequence[str | Path | Recording] = (),
+    recordings: OneOrMore = (),
     *,
-    held_out: Sequence[str | Path | Recording] = (),
+    held_out: OneOrMore = (),
     window: float = WINDOW,
     n_threads: int = 0,
     allow_code: bool = False,
@@ -288,15 +290,24 @@ def prepare(
             robot = with_sidecar(robot, robot.path)
         for recording in experiment.recordings:
             robot.check_joints(recording.joints, source(recording))
-            robot.check_angles(recording.columns, source(recording))
         robots.append(robot)
-        fitting = tuple(suited(robot, tidied(recording)) for recording in experiment.recordings)
+        fitting = tuple(
+            suited(robot, tidied(with_checked_angles(robot, recording)))
+            for recording in experiment.recordings
+        )
         suiting.append(replace(experiment, recordings=fitting))
     experiments = without_placeholders(suiting)
     for robot, experiment in zip(robots, experiments, strict=True):
         check_size(robot.model, robot.source, experiment.recordings)
     recordings = [r for experiment in experiments for r in experiment.recordings]
     check_recordings(recordings)
+    experiments = tuple(
+        replace(
+            experiment,
+            recordings=tuple(with_checked_velocities(robot, r) for r in experiment.recordings),
+        )
+        for robot, experiment in zip(robots, experiments, strict=True)
+    )
     windowed = any(
         robot.base is not None or driven_by_effort(robot, recording)
         for robot, experiment in zip(robots, experiments, strict=True)
@@ -327,19 +338,27 @@ def prepare(
     return setup.split_in_time()
 
 
-def check_effects(names: Sequence[str] | None) -> None:
-    """Raises InputError where one of the names is not in the catalogue."""
-    for name in names or ():
+def effect_names(names: str | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names of effects, a single one as a tuple of one; None stays for all.
+
+    Raises:
+        InputError: one of them is not in the catalogue.
+    """
+    if names is None:
+        return None
+    listed = (names,) if isinstance(names, str) else tuple(names)
+    for name in listed:
         if name not in CATALOGUE:
             raise InputError(
                 f"effect {name!r} is not in the catalogue{closest(name, CATALOGUE)}: "
                 f"{', '.join(CATALOGUE)}."
             )
+    return listed
 
 
-def _effects(names: Sequence[str] | None) -> list[Effect]:
-    check_effects(names)
-    return [effect for name, effect in CATALOGUE.items() if names is None or name in names]
+def _effects(names: str | Sequence[str] | None) -> list[Effect]:
+    chosen = effect_names(names)
+    return [effect for name, effect in CATALOGUE.items() if chosen is None or name in chosen]
 
 
 def _known_hold(robots: Sequence[Robot]) -> Hold | None:

@@ -82,7 +82,7 @@ def diagnose_fleet(
     address: str | None = None,
     workers: int | None = None,
     window: float = WINDOW,
-    effects: Sequence[str] | None = None,
+    effects: str | Sequence[str] | None = None,
     n_threads: int = 1,
     allow_code: bool = False,
     allow_outside: bool = False,
@@ -114,11 +114,11 @@ def diagnose_fleet(
         InputError: the manifest, the folder or the engine cannot be used.
     """
     from walkerkit.gap.fleet.page import write_page
-    from walkerkit.gap.workflow import check_effects
+    from walkerkit.gap.workflow import effect_names
 
     members = load_fleet(manifest, allow_code=allow_code)
     check_engine(engine, address, workers)
-    check_effects(effects)
+    chosen = effect_names(effects)
     if not window > 0:
         raise InputError(f"window is {window} s; give a positive number of seconds.")
     out = Path(out)
@@ -127,7 +127,7 @@ def diagnose_fleet(
         Job(
             member=member,
             window=window,
-            effects=None if effects is None else tuple(effects),
+            effects=chosen,
             n_threads=n_threads,
             allow_code=allow_code,
             allow_outside=allow_outside,

@@ -23,6 +23,7 @@ from typing import Any
 
 from walkerkit.gap.errors import closest, refusal
 from walkerkit.gap.recordings.files import check_file, is_recording
+from walkerkit.gap.recordings.given import OneOrMore, listed, model_name, recording_of
 from walkerkit.gap.recordings.recording import Recording
 
 _KEYS = ("model", "recordings", "held_out")
@@ -140,8 +141,8 @@ def listed_files(label: str, table: Mapping[str, Any], key: str) -> list[str]:
 
 def load_experiments(
     model_or_manifest: str | Path,
-    recordings: Sequence[str | Path | Recording] = (),
-    held_out: Sequence[str | Path | Recording] = (),
+    recordings: OneOrMore = (),
+    held_out: OneOrMore = (),
     *,
     allow_code: bool = False,
 ) -> tuple[Experiment, ...]:
@@ -149,7 +150,7 @@ def load_experiments(
 
     Args:
         model_or_manifest: an MJCF file, `package.module:callable`, or a manifest (.toml).
-        recordings: files or recordings; none with a manifest.
+        recordings: files or recordings, or one; none with a manifest.
         held_out: which of them are held out, by name, file or recording; files and recordings that
             are not among `recordings` are added.
         allow_code: as for `load_manifest`; a callable that is named here itself is always allowed.
@@ -160,8 +161,9 @@ def load_experiments(
     Raises:
         InputError: the two forms are mixed, or something named cannot be used.
     """
-    source = str(model_or_manifest)
+    source = model_name(model_or_manifest)
     path = Path(source)
+    recordings, held_out = listed(recordings), listed(held_out)
     if path.suffix.lower() == ".toml":
         if recordings or held_out:
             extra = [*recordings, *held_out][0]
@@ -173,8 +175,8 @@ def load_experiments(
     _check_model(source)
     if not recordings and not held_out:
         raise refusal(f"{source}: no recording is given. Name at least one after the model.")
-    given = [_recording(item) for item in recordings]
-    held = [_find(item, given) or _recording(item) for item in held_out]
+    given = [recording_of(item) for item in recordings]
+    held = [_find(item, given) or recording_of(item) for item in held_out]
     return _named(
         [_Draft(model=source, fitted=[r for r in given if r not in held], held_out=held)], path
     )
@@ -264,13 +266,9 @@ def _unique_names(recordings: Sequence[Recording]) -> dict[Recording, str]:
     return dict(zip(recordings, names, strict=True))
 
 
-def _recording(item: str | Path | Recording) -> Recording:
-    return item if isinstance(item, Recording) else Recording.load(item)
-
-
 def _find(item: str | Path | Recording, recordings: Sequence[Recording]) -> Recording | None:
     """The one of `recordings` that a held-out item means; None where it is a file to be added."""
-    if isinstance(item, Recording):
+    if not isinstance(item, str | Path):
         return next((recording for recording in recordings if recording is item), None)
     file = Path(item).resolve()
     for recording in recordings:

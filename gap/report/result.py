@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.wiring import named_errors
-from walkerkit.gap.report.diagnosis import Considered, Diagnosis, Verdict
+from walkerkit.gap.report.diagnosis import Considered, Diagnosis, NamedEffect, Verdict
 from walkerkit.gap.report.effort_scale import effort_scales
-from walkerkit.gap.report.gaps import Gap
+from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import standing_out
 from walkerkit.gap.report.named import confusion_set, named_effects
 from walkerkit.gap.report.notes import notes
@@ -74,6 +75,31 @@ class Result:
         return as_text(self.diagnosis)
 
     @property
+    def verdict(self) -> Verdict:
+        """The verdict of the diagnosis, of which the next four are, too."""
+        return self.diagnosis.verdict
+
+    @property
+    def gap(self) -> Gap:
+        """Root-mean-square errors of the recordings that were held out, before and after."""
+        return self.diagnosis.gap
+
+    @property
+    def locations(self) -> tuple[Location, ...]:
+        """Where the gap was before anything was named."""
+        return self.diagnosis.locations
+
+    @property
+    def effects(self) -> tuple[NamedEffect, ...]:
+        """The named effects, in the order in which they were added."""
+        return self.diagnosis.effects
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know of the logs and of what was found."""
+        return self.diagnosis.notes
+
+    @property
     def mended(self) -> Mapping[str, Mended]:
         """The mended robots by the names of their models, to go on with."""
         return mended_by_name(self.robots)
@@ -114,16 +140,25 @@ class Result:
         """Writes the report.
 
         Args:
-            path: the HTML file; one that is there is replaced.
+            path: the HTML file; one that is there is replaced, a folder that is missing made.
 
         Returns:
             The file.
+
+        Raises:
+            InputError: the file cannot be written.
         """
         from walkerkit.gap.report.page import write_report
 
-        title = self.robots[0].stem
-        write_report(self.diagnosis, path, title=title, catalogue=CATALOGUE, models=())
-        return Path(path)
+        path, title = Path(path), self.robots[0].stem
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_report(self.diagnosis, path, title=title, catalogue=CATALOGUE, models=())
+        except OSError as error:
+            raise InputError(
+                f"{path}: cannot be written ({error.strerror}). Give another file."
+            ) from None
+        return path
 
     def save(self, folder: str | Path) -> Path:
         """Writes diagnosis.json, report.html, the mended models and actuators.json.

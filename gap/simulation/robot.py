@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Literal
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
 from walkerkit.actuators.play import play_joint
 from walkerkit.gap.errors import InputError, closest, one_line
+from walkerkit.gap.recordings.given import model_name
 from walkerkit.gap.recordings.manifest import is_callable
 from walkerkit.gap.simulation import dry_friction
 from walkerkit.gap.simulation.base import Base, find_base
@@ -29,10 +28,7 @@ from walkerkit.gap.simulation.made import spec_of
 from walkerkit.gap.simulation.model_files import check_model_files
 from walkerkit.gap.simulation.wave import Wave, WaveForm
 
-FloatArray = NDArray[np.float64]
-
 _MEND = "Mend the MJCF until MuJoCo loads it."
-_BEYOND, _FAR_BEYOND = 1.2, 4.0  # of a joint's range, where nothing is as far
 _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
@@ -250,24 +246,6 @@ class Robot:
                     f"Rename the columns `{name}/…` or the joint, or leave them out."
                 )
 
-    def check_angles(self, columns: Mapping[str, FloatArray], source: str) -> None:
-        """Raises InputError where columns from `source` look like degrees.
-
-        Position and target are then far beyond the joint's range, and would be within as degrees.
-        """
-        for name, joint in self.joints.items():
-            reach = float(np.abs(self.model.jnt_range[joint.id]).max())
-            own = (f"{name}/position", f"{name}/position_target")
-            peaks = [float(np.abs(columns[column]).max()) for column in own if column in columns]
-            if joint.slide or not self.model.jnt_limited[joint.id] or not peaks:
-                continue
-            if np.deg2rad(max(peaks)) <= _BEYOND * reach and min(peaks) > _FAR_BEYOND * reach:
-                raise InputError(
-                    f"{source}: column '{name}/position' reaches {max(peaks):.4g}, where the joint "
-                    f"of {self.source} ends at {reach:.4g} rad: looks like degrees; convert with "
-                    "numpy.deg2rad."
-                )
-
 
 def load_robot(source: str | Path, *, floating: bool = False, allow_outside: bool = False) -> Robot:
     """Loads and compiles a model.
@@ -286,10 +264,10 @@ def load_robot(source: str | Path, *, floating: bool = False, allow_outside: boo
         InputError: the file is missing, reaches out of its folder or does not compile, or the robot
             has no joint to compare.
     """
-    name = str(source)
+    name = model_name(source)
     if is_callable(name):
         return robot_from_spec(_spec_from_callable(name, floating), name)
-    return robot_from_spec(_spec_from_file(Path(source), allow_outside), name)
+    return robot_from_spec(_spec_from_file(Path(name), allow_outside), name)
 
 
 def robot_from_spec(spec: mujoco.MjSpec, source: str) -> Robot:

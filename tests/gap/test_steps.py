@@ -111,6 +111,12 @@ class TestFit:
         viscous = found.effects[0].parameters[0]
         assert abs(viscous.value) < max(3 * viscous.std, 0.05)
 
+    @pytest.mark.parametrize("names", ["coulomb_friction", ["coulomb_friction"]])
+    def test_of_names_alone_is_everywhere(self, problem, fitted, names):
+        found = gap.fit(problem, names)
+        assert [one.places for one in found.effects] == [(JOINT,)]
+        np.testing.assert_array_equal(found.fit.values, fitted.fit.values)
+
     def test_of_nothing_leaves_the_gap(self, problem):
         found = gap.fit(problem, {})
         assert found.effects == ()
@@ -120,6 +126,7 @@ class TestFit:
         ("effects", "message"),
         [
             ({"coulomb": [JOINT]}, "did you mean 'coulomb_friction'"),
+            (["coulomb"], "did you mean 'coulomb_friction'"),
             ({"coulomb_friction": ["shaf"]}, f"did you mean '{JOINT}'"),
             ({"coulomb_friction": []}, "name one at least"),
             ({"coulomb_friction": [JOINT, JOINT]}, "each once"),
@@ -148,6 +155,15 @@ class TestResult:
         path = diagnosed.report(tmp_path / "alone.html")
         assert "coulomb_friction" in path.read_text(encoding="utf-8")
         assert list(tmp_path.iterdir()) == [path]
+
+    def test_makes_the_folder_of_the_report(self, diagnosed, tmp_path):
+        assert diagnosed.report(tmp_path / "new" / "er" / "alone.html").is_file()
+        with pytest.raises(InputError, match=r"new: cannot be written \(.*\)\. Give another file"):
+            diagnosed.report(tmp_path / "new")
+
+    def test_has_what_its_diagnosis_has(self, diagnosed):
+        for name in ("verdict", "gap", "locations", "effects", "notes"):
+            assert getattr(diagnosed, name) is getattr(diagnosed.diagnosis, name)
 
     def test_walker_moves_as_the_replay_of_the_mended_robot(self, diagnosed, rehearsal):
         recording = rehearsal.recordings[0]
