@@ -30,6 +30,7 @@ _FLEXIBLE = (
 )
 _OTHERS: tuple[Hold, ...] = ("linear", "next")
 _LATE = ("command_delay", "sensor_delay", "loop_delay")
+_LONGER = 1.2  # samples in a step, which jitter does not make
 _MARGIN = 0.1  # the score by which other targets have to be better than held ones
 
 
@@ -53,7 +54,7 @@ def name_with_best_hold(
     problem = make_problem(known or "zero_order")
     rounds = name_effects(problem, effects, progress)
     # The search stops without candidates only where the gap is at the floor.
-    if known is not None or not rounds[-1].candidates:
+    if known is not None or not rounds[-1].candidates or _skips_targets(problem):
         return problem, rounds
     others = [(_flexible_score(one), one) for one in map(make_problem, _OTHERS)]
     score = _score(problem, rounds)
@@ -68,6 +69,15 @@ def name_with_best_hold(
         if _score(other, other_rounds) < score - _MARGIN and not undone:
             return other, other_rounds
     return problem, rounds
+
+
+def _skips_targets(problem: Problem) -> bool:
+    """Whether a step is longer than a sample, so that not all targets are ever held."""
+    fastest = max(
+        r.rate for half in (problem.fit, problem.held) for g in half.recordings for r in g
+    )
+    step = max(robot.model.opt.timestep for robot in problem.robots)
+    return bool(step * fastest > _LONGER)
 
 
 def _score(problem: Problem, rounds: Sequence[Round]) -> float:
