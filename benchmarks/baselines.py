@@ -1,11 +1,12 @@
 """What other methods reach on the logs of real hardware: the same split, the same yardstick.
 
     python -m benchmarks baselines             # all logs, all methods: most of an hour
-    python -m benchmarks baselines --quick     # emps, without what is stepped in Python
+    python -m benchmarks baselines --quick     # what is not fitted, and of emps what MuJoCo steps
 
 Every figure is what `gap.replay` leaves on the recordings that are held out:
 
 - the model as given;
+- the parameters that the makers published (`rivals.published`), which nothing here fits;
 - `mujoco.sysid` with armature, damping and frictionloss of each joint (`rivals.mujoco_sysid`), its
   own optimizer on the same recordings; it needs the extra `mujoco[sysid]`;
 - PACE's set of parameters and BAM's six models as structures of our catalogue, fitted by our means
@@ -27,6 +28,7 @@ import numpy as np
 from benchmarks import Row
 from benchmarks.rivals import mujoco_sysid
 from benchmarks.rivals.logs import LOGS, Figure, RealLog
+from benchmarks.rivals.published import count, published
 from benchmarks.rivals.structures import NESTED, STRUCTURES, fit, mended, structure
 from walkerkit import gap
 from walkerkit.gap.search.problem import Problem
@@ -51,8 +53,6 @@ def run(*, quick: bool) -> list[Row]:
     """All methods on all logs."""
     rows = []
     for log in LOGS:
-        if quick and log.name not in _QUICK_LOGS:
-            continue
         try:
             problem = log.load()
         except FileNotFoundError as missing:
@@ -79,6 +79,9 @@ def _methods(log: RealLog, problem: Problem, *, quick: bool) -> Iterator[_Reache
     given = log.figure(problem, gap.replay(problem).gap)
     seconds = time.perf_counter() - start
     yield _Reached(method="as given", figure=given, parameters=0, seconds=seconds, note=log.what)
+    yield _published(log, problem)
+    if quick and log.name not in _QUICK_LOGS:
+        return
     if mujoco_sysid.available():
         yield _sysid(log, problem)
     else:
@@ -90,9 +93,9 @@ def _methods(log: RealLog, problem: Problem, *, quick: bool) -> Iterator[_Reache
         except ValueError as reason:
             print(f"{log.name}: {name} left out: {reason}", flush=True)
             continue
-        nested = [fits[other] for other in NESTED.get(name, ()) if other in fits]
+        known = [other for other in NESTED.get(name, ()) if other in fits]
         start = time.perf_counter()
-        fits[name] = found = fit(problem, effects, nested)
+        fits[name] = found = fit(problem, effects, [fits[other] for other in known])
         seconds = time.perf_counter() - start
         yield _Reached(
             method=name,
@@ -101,11 +104,23 @@ def _methods(log: RealLog, problem: Problem, *, quick: bool) -> Iterator[_Reache
             seconds=seconds,
             note="; ".join(
                 [f"without {', '.join(missing)}"] * bool(missing)
-                + [f"also from {', '.join(NESTED[name])}"] * bool(nested)
+                + [f"also from {', '.join(known)}"] * bool(known)
             ),
         )
     if not quick:
         yield _diagnosed(log, problem)
+
+
+def _published(log: RealLog, problem: Problem) -> _Reached:
+    start = time.perf_counter()
+    made = gap.replay(problem, published(log.name, problem)).gap
+    return _Reached(
+        method="makers' parameters",
+        figure=log.figure(problem, made),
+        parameters=count(log.name),
+        seconds=time.perf_counter() - start,
+        note="not fitted here",
+    )
 
 
 def _sysid(log: RealLog, problem: Problem) -> _Reached:

@@ -270,18 +270,47 @@ def effects() -> None:
 
 @app.command()
 def simulate(
-    model: Annotated[str, typer.Argument(help="MJCF file of a robot with position actuators.")],
+    model: Annotated[
+        str,
+        typer.Argument(
+            help="MJCF file or package.module:callable, of a robot with position actuators."
+        ),
+    ],
+    more: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="EFFECT", help="More effects, after that of --hide."),
+    ] = None,
     hide: Annotated[
         list[str] | None,
-        typer.Option(help="Effect to hide, or none. May be repeated; one is drawn by default."),
+        typer.Option(
+            metavar="EFFECT [EFFECT]...",
+            help="Effects to hide, or none. May be repeated; one is drawn by default.",
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the sizes, the motions, the noise.")] = 0,
     seconds: Annotated[float, typer.Option(help="Length of each experiment.")] = 10.0,
     out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("rehearsal"),
 ) -> None:
-    """Rehearse: record simulated hardware with effects hidden in it."""
-    from walkerkit.gap.rehearsal.rehearse import rehearse
+    """Rehearse: record simulated hardware with effects hidden in it.
 
+    Each actuator has to be a position servo, as positions are what is sent:
+    a robot that takes efforts or speeds cannot be rehearsed.
+    Any effect but timestep can be hidden, which is no robot's;
+    ground_friction and ground_compliance where a robot floats,
+    with spheres for feet and a level plane.
+    """
+    from walkerkit.gap.effects import CATALOGUE
+    from walkerkit.gap.rehearsal.rehearse import check_hideable, rehearse
+
+    if model in CATALOGUE and not Path(model).exists():
+        raise InputError(f"{model!r} is an effect, and no model: the model comes before --hide.")
+    if more and not hide:
+        raise InputError(
+            f"{more[0]!r} follows the model {model!r}; effects to hide come after --hide."
+        )
+    if hide:
+        hide = [*hide, *(more or ())]
+        check_hideable([name for name in hide if name != "none"])
     rehearsal = rehearse(model, hide, seed=seed, seconds=seconds)
     console = _console()
     try:

@@ -89,6 +89,11 @@ class TestRealLogs:
         # direction, and says so.
         assert "differs between the directions" in " ".join(str(result).split())
         assert "asymmetric_friction" in named["torque_bias"].indistinguishable_from
+        told = example.on_asymmetric_friction(result)
+        assert "leaves the same log as coulomb_friction and torque_bias, which are named" in told
+        means, biases = (named[n].parameters for n in ("coulomb_friction", "torque_bias"))
+        assert f": {means[0].value - biases[0].value:.1f} N forward and " in told
+        assert named["torque_bias"].equivalent[0][1] in told
         before, after = example.relative_effort_error(result)
         assert before == pytest.approx(0.66, abs=0.02)
         assert after <= 0.12

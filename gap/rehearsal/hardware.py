@@ -59,7 +59,7 @@ _OFF = (
 
 
 def run_hardware(
-    model_xml_path: str | Path,
+    source: str | Path | mujoco.MjModel,
     targets: Sequence[ArrayLike],
     *,
     rate: float = 500.0,
@@ -73,7 +73,7 @@ def run_hardware(
     """Runs experiments on a robot with hidden effects and logs them.
 
     Args:
-        model_xml_path: the robot's MJCF.
+        source: the robot's MJCF, or what was compiled of it.
         targets: one experiment each: position targets, shape (T, n_joints), rad, one row for each
             sample and one column for each of the model's actuators, in their order.
         rate: samples a second; a row's target is sent at the row's time and held to the next.
@@ -92,7 +92,7 @@ def run_hardware(
         InputError: a model, experiment or effect that cannot be simulated.
         RuntimeError: the robot went unstable.
     """
-    model, drives = _build(model_xml_path, hidden)
+    model, drives = _build(source, hidden)
     if int(substeps) != substeps or substeps < 1:
         raise InputError(f"substeps is {substeps}; it must be a whole number of at least 1")
     model.opt.timestep /= substeps
@@ -140,9 +140,11 @@ def run_hardware(
     return recordings
 
 
-def _build(path: str | Path, hidden: Sequence[HiddenEffect]) -> tuple[mujoco.MjModel, Drives]:
+def _build(
+    source: str | Path | mujoco.MjModel, hidden: Sequence[HiddenEffect]
+) -> tuple[mujoco.MjModel, Drives]:
     """The bare rigid bodies and the drives, with what is hidden in either."""
-    model, drives = load_rig(path)
+    model, drives = load_rig(source)
     model.opt.disableflags |= _OFF
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     for law in (

@@ -1,6 +1,6 @@
 """The rehearsal robot's drives: numbers of its servos and joints, for laws not MuJoCo's.
 
-    model, drives = load_rig("leg.xml")
+    model, drives = load_rig("leg.xml")              # or of a compiled model
     drives.hide(effect)                              # one that is a number of the drives
     position, speed = drives.read(angle, rate)       # by the encoders
     asked = drives.asked(targets, position, speed)
@@ -14,6 +14,7 @@ freedom, shape (..., nv). What needs more than a number is in the other modules 
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import mujoco
@@ -26,11 +27,11 @@ from walkerkit.gap.rehearsal.hidden import HiddenEffect
 Array = NDArray[np.float64]
 
 
-def load_rig(path: str | Path) -> tuple[mujoco.MjModel, Drives]:
+def load_rig(source: str | Path | mujoco.MjModel) -> tuple[mujoco.MjModel, Drives]:
     """The model of an MJCF file and the drives that its actuators stand for.
 
     Args:
-        path: the file.
+        source: the file, or what was compiled of one, which is left as it is.
 
     Returns:
         The model as it is, and its drives with nothing hidden.
@@ -38,11 +39,14 @@ def load_rig(path: str | Path) -> tuple[mujoco.MjModel, Drives]:
     Raises:
         InputError: the file does not load, or has actuators that are no position servos.
     """
+    if isinstance(source, mujoco.MjModel):
+        model = copy.copy(source)
+        return model, Drives(model)
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        model = mujoco.MjModel.from_xml_path(str(source))
     except ValueError as error:
         why = " ".join(str(error).split())
-        raise InputError(f"{path}: the model does not load: {why}. Mend the file") from error
+        raise InputError(f"{source}: the model does not load: {why}. Mend the file") from error
     return model, Drives(model)
 
 
@@ -202,7 +206,7 @@ def _check_actuators(model: mujoco.MjModel) -> None:
     if model.nu == 0:
         raise InputError(
             "the model has no actuators to simulate hardware from; give each driven joint a "
-            '<position joint="..." kp="..." kv="..."/>'
+            '<position joint="..." kp="..." kv="..."/>.'
         )
     seen: set[int] = set()
     for i in range(model.nu):
@@ -230,6 +234,7 @@ def _check_actuators(model: mujoco.MjModel) -> None:
         if fault:
             raise InputError(
                 f"actuator {name!r} {fault}; simulated hardware takes one "
-                '<position joint="..." kp="..." kv="..."/> for each driven joint, in joint units'
+                '<position joint="..." kp="..." kv="..."/> for each driven joint, in joint units: '
+                "it sends positions, and has no controller for what takes efforts or speeds."
             )
         seen.add(joint)

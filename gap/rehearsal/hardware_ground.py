@@ -62,7 +62,7 @@ class Soil:
         if mine and not self.any:
             raise InputError(
                 f"{mine[0].effect} is hidden, and the robot has no feet: give it a free joint, "
-                "spheres to stand on and a level plane"
+                "spheres to stand on and a level plane."
             )
         if not self.any:
             return

@@ -42,7 +42,7 @@ _NOISE = {
 
 
 def draw_hidden(
-    model_xml_path: str | Path,
+    source: str | Path | mujoco.MjModel,
     rng: np.random.Generator,
     effects: Sequence[str] | None = None,
     *,
@@ -56,7 +56,7 @@ def draw_hidden(
     ground is drawn only by name.
 
     Args:
-        model_xml_path: the robot's MJCF.
+        source: the robot's MJCF, or what was compiled of it.
         rng: source of the draw.
         effects: names to choose from, each as likely as the others; by default all of `HIDEABLE`
             that this robot can have.
@@ -70,7 +70,7 @@ def draw_hidden(
     Raises:
         InputError: an unusable model or name, or an effect that this robot cannot have.
     """
-    model, drives = load_rig(model_xml_path)
+    model, drives = load_rig(source)
     rotors = [
         n for n, dof in zip(drives.joints, drives.dofs, strict=True) if model.dof_armature[dof]
     ]

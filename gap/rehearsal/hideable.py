@@ -164,6 +164,16 @@ GROUND: Final[Mapping[str, Hideable]] = MappingProxyType(
 """What can be hidden under a robot that stands on its feet: the coefficient of friction that they
 have in the place of the model's, and the stiffness of the ground under each foot."""
 
+NOT_THE_ROBOTS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "timestep": (
+            "it is the simulation's, not the robot's, whose time has no steps; give the model a "
+            "longer timestep once the recordings are made, and diagnose with that"
+        )
+    }
+)
+"""Effects of the workflow's catalogue that no robot can have, with the reason and what to do."""
+
 NAMELESS: Final[Mapping[str, Hideable]] = MappingProxyType(
     {
         "random_pushes": _on_joints(_some("effort", _FORCE)),

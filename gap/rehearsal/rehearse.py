@@ -2,6 +2,13 @@
 
 The hardware (`walkerkit.gap.rehearsal.hardware`) shares no law with the workflow: its own servo,
 friction with bristles, four times finer steps, quantised encoders, noise.
+
+    rehearsal = rehearse("leg.xml", ["coulomb_friction"], seed=7)
+    rehearsal.recordings, rehearsal.hidden
+
+Limits: every actuator is a plain position servo of a joint, since the experiments are positions to
+go to and the simulated robot has no other controller. What stands under a robot can be hidden only
+where that floats, and has spheres for feet and a level plane. A timestep is no robot's.
 """
 
 from __future__ import annotations
@@ -17,9 +24,10 @@ from numpy.typing import NDArray
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
+from walkerkit.gap.rehearsal.hardware_drive import Drives
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, loudness
-from walkerkit.gap.rehearsal.hideable import HIDEABLE
+from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NOT_THE_ROBOTS
 from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.tasks.excitation import BATTERY
 
@@ -29,6 +37,7 @@ EXPERIMENTS = ("chirp", "slow_triangle", "steps")  # the last one is held out
 SECONDS, RATE = 10.0, 500.0
 LONGEST = 3600.0  # s
 _ROOM = 0.35  # part of a joint's range that the targets use, around its home
+_STANDING_ROOM = 0.1  # the same of a robot that would fall
 _DEFAULT_ROOM = 0.5  # rad, where a joint has no range
 _SPEED = 6.0  # rad/s
 LOUD = 5.0  # standard deviations of the noise, by which a log has to show what is hidden
@@ -54,9 +63,10 @@ def rehearse(
     """Draws what to hide, and records the experiments.
 
     Args:
-        model: MJCF file of a robot with plain position actuators.
+        model: robot with plain position actuators: an MJCF file, or `package.module:callable`. A
+            walker of a callable hangs in the air unless the ground is to be hidden.
         hide: names of effects, each drawn with its joints and size; `["none"]` for nothing; by
-            default one drawn from all.
+            default one drawn from all but those of the ground.
         seed: of the draw, the experiments and the noise.
         seconds: length of each experiment.
 
@@ -67,18 +77,17 @@ def rehearse(
         InputError: an effect that cannot be hidden, or a model that cannot be simulated.
     """
     names = [] if hide is None else [name for name in hide if name != "none"]
-    for name in names:
-        if name not in HIDEABLE:
-            raise InputError(
-                f"effect {name!r} cannot be hidden{closest(name, HIDEABLE)}; choose from none, "
-                f"{', '.join(HIDEABLE)}."
-            )
+    check_hideable(names)
     if not 1 <= seconds <= LONGEST:
         raise InputError(
             f"seconds is {seconds:g}; an experiment takes at least 1 s and at most {LONGEST:g} s."
         )
     rng = np.random.default_rng(seed)
-    robot = load_robot(model)
+    robot = load_robot(model, floating=any(name in GROUND for name in names))
+    try:
+        Drives(robot.model)
+    except InputError as error:
+        raise InputError(f"{model}: {error}") from None
     targets = [BATTERY[name] for name in EXPERIMENTS]
     time = np.arange(0.0, seconds, 1 / RATE)
     lower, upper = _room(robot)
@@ -86,18 +95,31 @@ def rehearse(
         signal(time, lower=lower, upper=upper, rng=rng, max_velocity=_SPEED) for signal in targets
     ]
     choices = [None] if hide is None else [[name] for name in names]
-    nominal = run_hardware(model, sent, seed=seed, names=EXPERIMENTS)
+    nominal = run_hardware(robot.model, sent, seed=seed, names=EXPERIMENTS)
     hidden, recordings = [], nominal
     for choice in choices:
-        effect, recordings = draw_loud(model, sent, rng, choice, nominal=nominal, seed=seed)
+        effect, recordings = draw_loud(robot.model, sent, rng, choice, nominal=nominal, seed=seed)
         hidden.append(effect)
     if len(hidden) > 1:
-        recordings = run_hardware(model, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
+        recordings = run_hardware(robot.model, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
     return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
 
 
+def check_hideable(names: Sequence[str]) -> None:
+    """Raises InputError where a rehearsal cannot hide one of these effects, and says why."""
+    known = (*HIDEABLE, *GROUND)
+    for name in names:
+        if name in NOT_THE_ROBOTS:
+            raise InputError(f"effect {name!r} cannot be hidden: {NOT_THE_ROBOTS[name]}.")
+        if name not in known:
+            raise InputError(
+                f"effect {name!r} cannot be hidden{closest(name, known)}; choose from none, "
+                f"{', '.join(known)}."
+            )
+
+
 def draw_loud(
-    model: str | Path,
+    model: str | Path | mujoco.MjModel,
     targets: Sequence[FloatArray],
     rng: np.random.Generator,
     effects: Sequence[str] | None = None,
@@ -115,7 +137,7 @@ def draw_loud(
     robot unstable weaker, and what stays too weak or too strong is drawn again.
 
     Args:
-        model: MJCF file of a robot with plain position actuators.
+        model: MJCF file of a robot with plain position actuators, or what was compiled of one.
         targets: the experiments, as for `run_hardware`.
         rng: source of the draw.
         effects: names to choose from, as for `draw_hidden`.
@@ -168,15 +190,17 @@ def _room(robot: Robot) -> tuple[FloatArray, FloatArray]:
     home = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, home, 0)
+    part = _ROOM if robot.base is None else _STANDING_ROOM
     lower, upper = [], []
     for actuator in range(model.nu):
         joint = int(model.actuator_trnid[actuator, 0])
         middle = float(home.qpos[model.jnt_qposadr[joint]])
         low, high = middle - _DEFAULT_ROOM, middle + _DEFAULT_ROOM
         if model.jnt_limited[joint]:
-            width = _ROOM * float(np.ptp(model.jnt_range[joint]))
-            low = max(float(model.jnt_range[joint, 0]), middle - width / 2)
-            high = min(float(model.jnt_range[joint, 1]), middle + width / 2)
+            first, last = map(float, model.jnt_range[joint])
+            width = part * (last - first)
+            middle = min(max(middle, first), last)  # a home of zeros may lie outside
+            low, high = max(first, middle - width / 2), min(last, middle + width / 2)
         lower.append(low)
         upper.append(high)
     return np.array(lower), np.array(upper)

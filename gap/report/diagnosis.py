@@ -1,8 +1,10 @@
 """What the workflow found: plain results, and the JSON of the contract.
 
-diagnosis = gap.diagnose("leg.xml", ["walk.csv"])
-print(diagnosis)                  # verdict, table, notes
-diagnosis.to_json()               # diagnosis.json
+    result = gap.diagnose("leg.xml", ["walk.csv"])
+    result.diagnosis.verdict          # plain data
+    result.diagnosis.to_json()        # diagnosis.json; docs/report.md says what each key is
+
+`gap.compare` returns the diagnosis itself.
 """
 
 from __future__ import annotations

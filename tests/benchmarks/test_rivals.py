@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from benchmarks.rivals import mujoco_sysid
+from benchmarks.rivals.logs import LOGS
+from benchmarks.rivals.published import PUBLISHED, count, published
 from benchmarks.rivals.structures import NESTED, STRUCTURES, fit, mended, start_from, structure
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE
@@ -131,6 +133,38 @@ class TestStructures:
         robots = mended(servo, found)
         assert robots[0].model.dof_armature[0] == pytest.approx(TRUE["armature"], rel=0.1)
         assert robots[0].model.dof_frictionloss[0] == pytest.approx(TRUE["frictionloss"], rel=0.02)
+
+
+class TestPublished:
+    def test_every_log_has_its_makers_numbers(self):
+        assert set(PUBLISHED) == {log.name for log in LOGS}
+        assert {name: count(name) for name in PUBLISHED} == {
+            "emps": 3,
+            "double_pendulum": 6,
+            "xl330": 5,
+        }
+
+    def test_is_written_to_the_robots_that_are_judged(self, servo, monkeypatch):
+        names = ("armature", "viscous_friction", "coulomb_friction")
+        effects = {effect: {JOINT: TRUE[key]} for effect, key in zip(names, TRUE, strict=True)}
+        monkeypatch.setitem(PUBLISHED, "bench", effects)
+        (robot,) = published("bench", servo)
+        assert robot.model.dof_frictionloss[0] == TRUE["frictionloss"]
+        assert robot.model.dof_armature[0] == TRUE["armature"]
+        size = gap.replay(servo, (robot,)).gap.position
+        assert size.after < 0.1 * size.before
+
+    def test_of_the_double_pendulum_is_what_the_readme_says(self, real_logs, repository):
+        (log,) = (log for log in LOGS if log.name == "double_pendulum")
+        problem = log.load()
+        made = log.figure(problem, gap.replay(problem, published(log.name, problem)).gap)
+        told = ", ".join(f"{value:.4f}" for value in made)
+        row = next(
+            line
+            for line in (repository / "README.md").read_text(encoding="utf-8").splitlines()
+            if line.startswith("| makers' parameters")
+        )
+        assert f"{told} rad" in row
 
 
 @pytest.mark.skipif(not mujoco_sysid.available(), reason="needs pip install 'mujoco[sysid]'")

@@ -473,6 +473,11 @@ def test_a_manifest_beside_recordings_is_refused(run: Run, folder: Path) -> None
         (["effects", "extra"], ("extra",)),
         (["simulate"], ("model",)),
         (["simulate", "servo.xml", "--hide", "gremlins"], ("'gremlins'", "coulomb_friction")),
+        (["simulate", "servo.xml", "--hide", "payload", "gremlins"], ("'gremlins'", "payload")),
+        (["simulate", "servo.xml", "--hide", "timestep"], ("'timestep'", "not the robot's")),
+        (["simulate", "servo.xml", "--hide", "ground_friction"], ("ground_friction", "no feet")),
+        (["simulate", "servo.xml", "payload"], ("'payload'", "after --hide")),
+        (["simulate", "--hide", "payload", "armature", "servo.xml"], ("'armature'", "before")),
         (["simulate", "servo.xml", "--seconds", "0"], ("seconds is 0", "at least 1 s")),
         (["simulate", "servo.xml", "--seconds", "nan"], ("seconds is nan",)),
         (["simulate", "servo.xml", "--seconds", "inf"], ("seconds is inf", "at most 3600 s")),
@@ -679,6 +684,45 @@ def test_simulate_records_what_diagnose_reads(run: Run, folder: Path) -> None:
     assert named["effect"] == "torque_bias"
     value = float(re.findall(r"[-+][\d.]+", hidden)[0])
     assert named["parameters"][0]["value"] == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("servo.xml", "--hide", "torque_bias", "payload", "armature"),
+        ("servo.xml", "--hide", "torque_bias", "--hide", "payload", "armature"),
+        ("--hide", "torque_bias", "servo.xml", "--hide", "payload", "--hide", "armature"),
+    ],
+)
+def test_several_effects_follow_hide_or_repeat_it(
+    run: Run, folder: Path, given: tuple[str, ...]
+) -> None:
+    outcome = run("simulate", *given, "--seconds", 1, "--out", "logs")
+    assert (outcome.status, outcome.err) == (0, "")
+    hidden = outcome.out.splitlines()[-1]
+    assert re.findall(r"(\w+) on", hidden) == ["torque_bias", "payload", "armature"]
+
+
+def test_simulate_takes_a_callable(run: Run, folder: Path) -> None:
+    (folder / "robots.py").write_text(CALLABLES)
+    few = ("--hide", "torque_bias", "--seconds", 1)
+    by_callable = run("simulate", "robots:spec", *few, "--out", "one")
+    sys.modules.pop("robots", None)
+    by_file = run("simulate", "servo.xml", *few, "--out", "other")
+    assert (by_callable.status, by_callable.err) == (0, "")
+    assert by_callable.out.splitlines()[-1] == by_file.out.splitlines()[-1]
+    for name in ("chirp", "slow_triangle", "steps"):
+        one, other = (folder / f"{out}/{name}.csv" for out in ("one", "other"))
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_simulate_says_which_robots_and_effects_it_takes(run: Run, folder: Path) -> None:
+    (folder / "motor.xml").write_text(SERVO.replace(ACTUATOR, '<motor joint="knee"/>'))
+    outcome = run("simulate", "motor.xml")
+    refused(outcome, "motor.xml", "is not a plain position servo", "no controller", "efforts")
+    told = " ".join(run("simulate", "--help").out.split())
+    for word in ("timestep", "ground_friction", "ground_compliance", "efforts"):
+        assert word in told
 
 
 def test_simulate_hides_nothing_when_told_so(run: Run, folder: Path) -> None:

@@ -7,14 +7,17 @@ import json
 import sys
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from walkerkit.gap import cli, workflow
+from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.rehearsal import demo
-from walkerkit.gap.rehearsal.hideable import HIDEABLE
+from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NOT_THE_ROBOTS
 from walkerkit.gap.rehearsal.rehearse import EXPERIMENTS, LONGEST, RATE, Rehearsal, rehearse
+from walkerkit.gap.rehearsal.standing import write_standing
 from walkerkit.walkers.leg import LEG_XML
 
 ARM = """
@@ -108,9 +111,47 @@ def test_several_effects_can_be_hidden_at_once(arm: Path) -> None:
     assert [effect.effect for effect in hidden] == ["torque_bias", "payload"]
 
 
+def test_all_of_the_catalogue_can_be_hidden_but_what_no_robot_has() -> None:
+    assert {*HIDEABLE, *GROUND, *NOT_THE_ROBOTS} == {*CATALOGUE}
+    assert [*NOT_THE_ROBOTS] == ["timestep"]
+    with pytest.raises(InputError, match="the simulation's, not the robot's") as refused:
+        rehearse("leg.xml", ["timestep"])
+    assert "did you mean" not in str(refused.value)
+
+
+@pytest.mark.parametrize("effect", GROUND)
+def test_the_ground_can_be_hidden_under_a_robot_that_keeps_standing(
+    tmp_path: Path, effect: str
+) -> None:
+    path = write_standing(tmp_path)
+    found = rehearse(path, [effect], seed=1, seconds=2.0)
+    assert [one.effect for one in found.hidden] == [effect]
+    home = mujoco.MjModel.from_xml_path(str(path)).key_qpos[0, 2]
+    for recording in found.recordings:
+        height = recording.columns["base/position_z"]
+        assert height.min() > 0.85 * home
+        assert recording.columns["base/quaternion_w"].min() > 0.9
+
+
+def test_a_walker_is_hung_up_unless_the_ground_is_hidden(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_standing(tmp_path)
+    (tmp_path / "standing.py").write_text(
+        "from walkerkit.walkers import MjcfWalker\n"
+        "def robot(): return MjcfWalker.from_file('quadruped_standing.xml')\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    hung = rehearse("standing:robot", ["none"], seconds=1.0).recordings[0]
+    assert not any(name.startswith("base/") for name in hung.columns)
+    stood = rehearse("standing:robot", ["ground_friction"], seconds=1.0).recordings[0]
+    assert "base/position_z" in stood.columns
+
+
 def test_what_cannot_be_rehearsed_is_refused(arm: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"'timestep' cannot be hidden.*choose from none, viscous"):
-        rehearse(arm, ["timestep"])
+    with pytest.raises(InputError, match=r"'grit' cannot be hidden.*choose from none, viscous"):
+        rehearse(arm, ["grit"])
     for seconds in (0.0, 0.99, -1.0, float("nan"), float("inf"), 1.01 * LONGEST):
         with pytest.raises(InputError, match=f"seconds is {seconds:g}"):
             rehearse(arm, seconds=seconds)
