@@ -70,6 +70,9 @@ def everything(confused: Diagnosis) -> Diagnosis:
         wiring=(swapped,),
         hints=(hint,),
         next_experiment=changed,
+        recordings=("walk", "steps"),
+        held_out=("steps",),
+        only=("coulomb_friction", "command_delay", "payload"),
     )
 
 
