@@ -28,7 +28,7 @@ from walkerkit.gap.search.worth import confidence, one_sided, tied, worth_it
 
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _NEARLY_NOTHING = 0.1  # of all joints', where it was nothing else
-_FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.01  # of the noise, and of how far a joint moves
+_FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.007  # of the noise, and of how far a joint moves
 _MOST_FINALISTS = 3
 _IN_REACH = 0.5  # of the best gain
 _CHANCE = 0.05
