@@ -35,7 +35,8 @@ from walkerkit.tasks.excitation import BATTERY
 FloatArray = NDArray[np.float64]
 
 FILE, MODEL = "next_experiment.csv", "next_experiment.xml"
-_SECONDS, _RATE = 10.0, 200.0
+_SECONDS = 10.0
+_LEAST_RATE, _MOST_RATE = 100.0, 1000.0  # Hz
 _SEED = 20260102
 _WORTH_IT = 1.0  # standard deviations; less is no experiment
 _CLEARLY = 6.0  # standard deviations; more needs no more trouble
@@ -119,6 +120,10 @@ class _Bench:
         self.members = members
         self.joints = problem.joints
         self.takes = takes(self.robot, problem.joints)
+        # A log is read by its samples: where delays are in doubt, slower ones would tell less.
+        halves = (problem.fit, problem.held)
+        fastest = max(r.rate for half in halves for group in half.recordings for r in group)
+        self.rate = float(np.clip(round(fastest), _LEAST_RATE, _MOST_RATE))
         self.concerned = _concerned(self.robot, problem.joints, members)
         self.watched = tuple(
             Channel(joint=joint, signal=signal)
@@ -184,7 +189,7 @@ class _Bench:
                 deviations.append(known.std)
                 seconds.append(known.seconds)
         # So many standard deviations is one sample's difference worth.
-        worth = 1 / (np.array(deviations) * np.sqrt(_RATE * np.array(seconds)))
+        worth = 1 / (np.array(deviations) * np.sqrt(self.rate * np.array(seconds)))
         scaled = predicted[:, :, columns] * worth
         return min(
             _distance(a, b, any_instant=bool(set_up.released)) for a, b in combinations(scaled, 2)
@@ -224,7 +229,7 @@ def _choices(bench: _Bench) -> Iterator[list[_Choice]]:
 
 def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Recording:
     """What to send: targets about the middle of each joint's room, or effort about none."""
-    time = np.arange(0.0, _SECONDS, 1 / _RATE)
+    time = np.arange(0.0, _SECONDS, 1 / bench.rate)
     at = [bench.robot.excursion(joint) for joint in bench.joints]
     middle = np.array([0.5 * (a.lower + a.upper) for a in at])
     half = 0.5 * size * np.array([a.range for a in at])

@@ -77,7 +77,7 @@ def test_it_names_the_excitation_the_effects_and_the_file(servo: Problem) -> Non
     assert planned.robot is None
     assert log.joints == ("knee",)
     assert log.duration == pytest.approx(10.0, abs=0.01)
-    assert log.rate == pytest.approx(200.0)
+    assert log.rate == pytest.approx(250.0)
 
 
 def test_it_stays_within_what_the_recordings_have_reached(servo: Problem) -> None:
