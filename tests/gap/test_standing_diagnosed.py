@@ -15,7 +15,7 @@ from walkerkit.gap.rehearsal.standing import RATE, standing_targets, write_stand
 
 # Of what the ground and the trunk can have; the whole catalogue takes minutes.
 FEW = ("ground_friction", "payload")
-SECONDS = 2.0
+SECONDS = 1.2
 LOAD = HiddenEffect(effect="payload", bodies=("trunk",), values={"mass": 1.5})
 
 
