@@ -94,7 +94,8 @@ def notes(
                     f"explains {percent(size.closed)} of the way to its floor."
                 )
     if gap.finer_position is not None:
-        step, unit = problem.robots[0].model.opt.timestep, gap.position.unit
+        chosen = _chosen_timestep(effects)
+        step, unit = chosen or problem.robots[0].model.opt.timestep, gap.position.unit
         finer = gap.finer_position
         moved, before, after = (
             quantity(size, unit)
@@ -107,8 +108,9 @@ def notes(
             f"The simulation's own timestep of {step:g} s {move} the positions by "
             f"{moved}, more than the noise"
             f"{'; effects were judged with that error taken out' if searched else ''}. At a "
-            f"quarter of the timestep{dry} the position error is {before}"
-            + (f" before and {after} after." if effects else ".")
+            f"quarter of the timestep{dry} the position error is "
+            # That of the model as given is another timestep's.
+            f"{after if chosen else f'{before} before and {after} after' if effects else before}."
         )
     seconds = sum(r.whole.duration for r in {r.whole.name: r for r in seen.values()}.values())
     if seconds < _BRIEF:
@@ -147,6 +149,20 @@ def notes(
     unused = sorted({column for recording in seen.values() for column in recording.unused})
     if unused:
         yield f"Columns that nothing uses: {', '.join(unused)}."
+
+
+def _chosen_timestep(effects: Sequence[NamedEffect]) -> float | None:
+    """The timestep that is named [s]."""
+    return next(
+        (
+            of.value
+            for named in effects
+            if named.effect == "timestep"
+            for of in named.parameters
+            if of.name == "timestep"
+        ),
+        None,
+    )
 
 
 def _of_effect(named: NamedEffect) -> Iterator[str]:
