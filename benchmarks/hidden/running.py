@@ -230,7 +230,11 @@ def _named(
     case: Case,
     effects: Sequence[NamedEffect],
 ) -> Named:
-    beside = [other.effect for other in effects if other is not one]
+    beside = [
+        other.effect
+        for other in effects
+        if other is not one and (EVERYWHERE in other.joints or {*one.joints} <= {*other.joints})
+    ]
     values = [
         Value(name=of.name, place=of.place, true=true, value=of.value, std=of.std)
         for effect in hidden

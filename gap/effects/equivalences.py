@@ -60,7 +60,7 @@ def equivalences(
         signals: what was recorded of the joints: `position`, `velocity`, `effort`.
         robot: the robot; None leaves out what holds on special robots only.
         joints: the joints that have the effect, or `("*",)`; of an effect of bodies none.
-        beside: the other effects that explain the recordings.
+        beside: the other effects that explain the recordings, of those at all of these joints.
 
     Returns:
         Name of each exactly equivalent effect to the reason, a sentence.
@@ -273,7 +273,7 @@ _TABLE: tuple[Equivalence, ...] = (
     # F⁺ for q̇ > 0 and −F⁻ for q̇ < 0 are ½(F⁺ + F⁻) sgn q̇ + ½(F⁺ − F⁻), at rest as well.
     *(
         Equivalence(
-            effects=("torque_bias", "asymmetric_friction"),
+            effects=(alone, "asymmetric_friction"),
             beside=beside,
             holds=holds,
             usual=beside is not None,
@@ -283,9 +283,10 @@ _TABLE: tuple[Equivalence, ...] = (
                 "is."
             ),
         )
-        for beside, holds in (
-            ("coulomb_friction", lambda robot, joints: True),
-            (None, _rubs_dry),
+        for alone, beside, holds in (
+            ("torque_bias", "coulomb_friction", lambda robot, joints: True),
+            ("coulomb_friction", "torque_bias", lambda robot, joints: True),
+            ("torque_bias", None, _rubs_dry),
         )
     ),
     # η₁ τ driving and η₂ τ driven are ½(η₁ + η₂) τ − ½(η₂ − η₁) |τ| sgn q̇.

@@ -98,7 +98,11 @@ def _equivalent(problem: Problem, term: Term, one: Round, final: Fit) -> dict[st
         signals,
         robot=problem.robots[0],
         joints=() if term.effect.kind == "body" else _shown_joints(term),
-        beside=present - {term.effect.name},
+        beside={
+            other.effect.name
+            for other in final.structure.terms
+            if other is not term and (EVERYWHERE in other.sites or sites <= {*other.sites})
+        },
     )
     tried = {candidate.term.effect.name: candidate for candidate in one.candidates}
     best = tried.get(term.effect.name)

@@ -145,6 +145,8 @@ def test_a_bias_beside_dry_friction_is_friction_of_two_sizes():
     assert equivalences("torque_bias", ["position", "effort"]) == {}
     beside = equivalences("torque_bias", ["position", "effort"], beside=["coulomb_friction"])
     assert set(beside) == {"asymmetric_friction"}
+    mean = equivalences("coulomb_friction", ["position", "effort"], beside=["torque_bias"])
+    assert mean == beside
 
 
 @pytest.mark.parametrize("effect", SPELLED_OUT)
