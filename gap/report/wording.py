@@ -139,6 +139,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     error = f"the {words(signal)} error"
     noise = _floors(diagnosis.gap, signal, size)
     before, after = span((size.before, size.after), size.unit)
+    moved = f"shrinks from {before} to {after}"
+    if size.after > size.before:
+        # Names are judged by stretches; whole rollouts of what is not stable drift apart.
+        moved = f"shrinks over short stretches, but is {before} before and {after} after in all"
     if diagnosis.verdict == "no_gap":
         coarse = diagnosis.gap.finer_position is not None
         return (
@@ -157,13 +161,13 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if finer is not None and _shrinks(finer) and not _shrinks(diagnosis.gap.position):
         # The timestep's error hides at its own size what was mended.
         error = "at a quarter of the simulation's timestep the position error"
-        before, after = span((finer.before, finer.after), finer.unit)
+        moved = "shrinks from {} to {}".format(*span((finer.before, finer.after), finer.unit))
         noise = _floors(diagnosis.gap, "position", diagnosis.gap.position)
     complete = diagnosis.verdict == "explained"
     left = "" if complete or not diagnosis.remaining else spot(diagnosis.remaining[0])
     return (
         f"{'The gap' if complete else 'Part of the gap'} is explained by "
-        f"{_found(diagnosis.effects)}: {error} shrinks from {before} to {after}, where {noise}"
+        f"{_found(diagnosis.effects)}: {error} {moved}, where {noise}"
         f"{f'. What remains stands out most at {left}' if left else ''}."
     )
 

@@ -96,6 +96,15 @@ def test_the_basis_says_where_it_was_measured(leg: LegDiagnosis, confused: Diagn
     assert "windows of 0.5 s" in wording.basis(confused)
 
 
+def test_a_gap_that_grows_is_not_said_to_shrink(leg: LegDiagnosis) -> None:
+    gap = leg().gap
+    larger = {name: replace(one, after=1.1 * one.before) for name, one in gap.signals.items()}
+    grown = replace(gap, position=larger["position"], signals=larger)
+    found = wording.verdict_sentence(replace(leg(), gap=grown, verdict="partly_explained"))
+    assert "shrinks over short stretches, but is " in found
+    assert "shrinks from" not in found
+
+
 def test_what_was_not_tried_is_not_said_to_explain_nothing(leg: LegDiagnosis) -> None:
     nothing = replace(leg(), verdict="unexplained", effects=())
     assert wording.verdict_sentence(nothing).startswith("No effect of the catalogue explains")
