@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, candidate_terms
 from walkerkit.gap.search.trying import Tries
+from walkerkit.gap.search.worth import worth_it
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY
 
@@ -290,6 +292,25 @@ def test_who_wins_a_round_is_judged_by_its_own_numerical_error(
     monkeypatch.setattr(naming, "_could_win", best)
     search(leg, "coulomb_friction", "asymmetric_friction")
     assert sorted(judged[:2]) == ["asymmetric_friction", "coulomb_friction"]
+
+
+@pytest.mark.parametrize("ahead", [0, 2])
+def test_two_effects_that_are_worth_it_only_together_are_found(
+    problem: Make, monkeypatch: pytest.MonkeyPatch, ahead: int
+) -> None:
+    """By what one of them makes of the recordings that are fitted, where no pair is promised."""
+    leg = problem(
+        hide("viscous_friction", "knee", damping=0.2), hide("torque_bias", "ankle", bias=0.4)
+    )
+
+    def not_alone(*compared: Any, effects: int = 1) -> bool:
+        return effects > 1 and worth_it(*compared, effects=effects)
+
+    monkeypatch.setattr(naming, "worth_it", not_alone)
+    monkeypatch.setattr(trying, "_MOST_PAIRS", 0)
+    monkeypatch.setattr(naming, "_MOST_AHEAD", ahead)
+    named = found(search(leg, "viscous_friction", "torque_bias", "armature"))
+    assert set(named) == ({"viscous_friction", "torque_bias"} if ahead else set())
 
 
 def test_finalists_are_fitted_as_each_is_alone(problem: Make) -> None:
