@@ -300,7 +300,7 @@ def simulate(
     with spheres for feet and a level plane.
     """
     from walkerkit.gap.effects import CATALOGUE
-    from walkerkit.gap.rehearsal.rehearse import check_hideable, rehearse
+    from walkerkit.gap.rehearsal.rehearse import rehearse
 
     if model in CATALOGUE and not Path(model).exists():
         raise InputError(f"{model!r} is an effect, and no model: the model comes before --hide.")
@@ -308,9 +308,7 @@ def simulate(
         raise InputError(
             f"{more[0]!r} follows the model {model!r}; effects to hide come after --hide."
         )
-    if hide:
-        hide = [*hide, *(more or ())]
-        check_hideable([name for name in hide if name != "none"])
+    hide = [*hide, *(more or ())] if hide else None
     rehearsal = rehearse(model, hide, seed=seed, seconds=seconds)
     console = _console()
     try:

@@ -77,7 +77,7 @@ def rehearse(
         InputError: an effect that cannot be hidden, or a model that cannot be simulated.
     """
     names = [] if hide is None else [name for name in hide if name != "none"]
-    check_hideable(names)
+    _check_hideable(names)
     if not 1 <= seconds <= LONGEST:
         raise InputError(
             f"seconds is {seconds:g}; an experiment takes at least 1 s and at most {LONGEST:g} s."
@@ -105,7 +105,7 @@ def rehearse(
     return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
 
 
-def check_hideable(names: Sequence[str]) -> None:
+def _check_hideable(names: Sequence[str]) -> None:
     """Raises InputError where a rehearsal cannot hide one of these effects, and says why."""
     known = (*HIDEABLE, *GROUND)
     for name in names:

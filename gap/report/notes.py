@@ -50,7 +50,7 @@ def notes(
         searched: whether effects were looked for.
         only: their names, where it was not the whole catalogue.
     """
-    seen = {r.name: r for half in (problem.fit, problem.held) for g in half.recordings for r in g}
+    seen = {recording.name: recording for recording in problem.recordings}
     wholes = {recording.whole.name for recording in seen.values()}
     for error in named_errors([*seen.values()]):
         yield error.sentence(wholes <= {*error.recordings})

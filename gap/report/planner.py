@@ -121,8 +121,7 @@ class _Bench:
         self.joints = problem.joints
         self.takes = takes(self.robot, problem.joints)
         # A log is read by its samples: where delays are in doubt, slower ones would tell less.
-        halves = (problem.fit, problem.held)
-        fastest = max(r.rate for half in halves for group in half.recordings for r in group)
+        fastest = max(recording.rate for recording in problem.recordings)
         self.rate = float(np.clip(round(fastest), _LEAST_RATE, _MOST_RATE))
         self.concerned = _concerned(self.robot, problem.joints, members)
         self.watched = tuple(
@@ -267,10 +266,7 @@ def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Reco
 def is_driven(problem: Problem, joint: str) -> bool:
     """Whether a joint has a drive, or was sent effort that the model has no actuator for."""
     return bool(problem.robots[0].joints[joint].drives) or any(
-        recording.signal(joint, "effort_target") is not None
-        for half in (problem.fit, problem.held)
-        for recordings in half.recordings
-        for recording in recordings
+        recording.signal(joint, "effort_target") is not None for recording in problem.recordings
     )
 
 

@@ -71,8 +71,7 @@ def replay_half(problem: Problem, half_name: str, robots: Sequence[Robot]) -> Re
 def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
     """How large the gap is before and after, in all and joint by joint, and how small it can be."""
     channels = before.replays[0].channels
-    everything = [r for half in (problem.fit, problem.held) for g in half.recordings for r in g]
-    floor = {c: channel_noise(everything, c).std for c in channels}
+    floor = {c: channel_noise(problem.recordings, c).std for c in channels}
 
     positions = [c for c in channels if c.signal == "position"]
     finer, drier = _nearest(problem, after, positions)

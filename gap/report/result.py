@@ -217,7 +217,7 @@ def summarise(
     maps = gap_maps(problem, before, after)
     of = {one.signal: one for one in maps}
     told = of.get(telling(gap)[0], of.get("position"))
-    everything = [r for half in (problem.fit, problem.held) for g in half.recordings for r in g]
+    everything = problem.recordings
     following = next_experiment(problem, confusion_set(rounds, _MOST_RIVALS))
     diagnosis = Diagnosis(
         verdict=verdict,

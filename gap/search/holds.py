@@ -73,9 +73,7 @@ def name_with_best_hold(
 
 def _skips_targets(problem: Problem) -> bool:
     """Whether a step is longer than a sample, so that not all targets are ever held."""
-    fastest = max(
-        r.rate for half in (problem.fit, problem.held) for g in half.recordings for r in g
-    )
+    fastest = max(recording.rate for recording in problem.recordings)
     step = max(robot.model.opt.timestep for robot in problem.robots)
     return bool(step * fastest > _LONGER)
 

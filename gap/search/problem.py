@@ -167,6 +167,11 @@ class Problem:
     n_threads: int
 
     @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """Those of all robots, what is fitted first."""
+        return tuple(r for half in (self.fit, self.held) for g in half.recordings for r in g)
+
+    @property
     def channels(self) -> tuple[Channel, ...]:
         """The scored channels."""
         return self.fit.objective.channels

@@ -137,8 +137,7 @@ def why_none(problem: Problem, robot: Robot, joint: str) -> str:
     """
     if len(problem.robots) > 1:
         return "the recordings are of several models"
-    recordings = [r for half in (problem.fit, problem.held) for r in half.recordings[0]]
-    if any(recording.signal(joint, "effort") is None for recording in recordings):
+    if any(recording.signal(joint, "effort") is None for recording in problem.recordings):
         return "its effort was not logged"
     if not can_close(robot, joint):
         return "its drive is no plain servo, or what is named acts in it or in how it is read"
