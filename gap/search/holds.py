@@ -16,7 +16,7 @@ from walkerkit.gap.search.evidence import weigh
 from walkerkit.gap.search.fit import Progress, evaluate, polished
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Case, Structure, candidate_terms
+from walkerkit.gap.search.structure import Case, Fit, Structure, candidate_terms, carried
 from walkerkit.gap.simulation.commands import Hold
 
 _FLEXIBLE_STEPS = 8
@@ -56,16 +56,17 @@ def name_with_best_hold(
     # The search stops without candidates only where the gap is at the floor.
     if known is not None or not rounds[-1].candidates or _skips_targets(problem):
         return problem, rounds
-    others = [(_flexible_score(one), one) for one in map(make_problem, _OTHERS)]
+    named = rounds[-1].fit
+    others = [(_flexible_score(one, named), one) for one in map(make_problem, _OTHERS)]
     score = _score(problem, rounds)
-    worst = max(_flexible_score(problem), score)
+    worst = max(_flexible_score(problem, named), score)
     for promised, other in sorted(others, key=lambda one: one[0]):
         if worst - promised < _MARGIN:
             break
         other_rounds = name_effects(other, effects, progress)
-        named = {term.effect.name for term in other_rounds[-1].fit.structure.terms}
+        found = {term.effect.name for term in other_rounds[-1].fit.structure.terms}
         # Of the next row and late by as much is held, which the first search did not get right.
-        undone = other.hold == "next" and not named.isdisjoint(_LATE)
+        undone = other.hold == "next" and not found.isdisjoint(_LATE)
         if _score(other, other_rounds) < score - _MARGIN and not undone:
             return other, other_rounds
     return problem, rounds
@@ -84,14 +85,20 @@ def _score(problem: Problem, rounds: Sequence[Round]) -> float:
     return float(weigh(problem, [rounds[-1].fit]).both[0])
 
 
-def _flexible_score(problem: Problem) -> float:
-    """How well a drive with free friction, inertia, gains and bias explains the recordings."""
-    effects = [CATALOGUE[name] for name in _FLEXIBLE if name in CATALOGUE]
+def _flexible_score(problem: Problem, named: Fit) -> float:
+    """How well what was named explains the recordings beside a drive whose numbers are free.
+
+    Its friction, inertia, gains and bias. From what was named, as fits from nothing get stuck where
+    much is missing, and would compare where they did.
+    """
+    present = {term.effect.name for term in named.structure.terms}
+    effects = [CATALOGUE[name] for name in _FLEXIBLE if name not in present]
     terms = candidate_terms(effects, problem.robots, problem.joints)
-    structure = Structure(terms, problem.robots)
-    problem.searched.look_at(Case(structure=structure, values=structure.zero[None]))
+    structure = Structure((*named.structure.terms, *terms), problem.robots)
+    values = carried(named.values, named.structure, structure)
+    problem.searched.look_at(Case(structure=structure, values=values[None]))
     race = problem.race.objective
-    (start,) = evaluate(race, [(structure, structure.zero)])
+    (start,) = evaluate(race, [(structure, values)])
     problem.race.refine(start)
     (found,) = polished(race, [start], iterations=_FLEXIBLE_STEPS, certain=False)
     problem.refine(found)

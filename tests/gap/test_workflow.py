@@ -26,6 +26,9 @@ from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
 from walkerkit.gap.report.result import Result
 from walkerkit.gap.report.wording import verdict_sentence
+from walkerkit.gap.search import holds, naming
+from walkerkit.gap.search.naming import Round
+from walkerkit.gap.search.problem import Problem
 from walkerkit.tasks.excitation import BATTERY
 
 Array = NDArray[np.float64]
@@ -628,6 +631,23 @@ def test_targets_between_samples_are_read_as_the_log_wants(servo: Path) -> None:
     nothing_named(result.diagnosis)
     assert result.problem.hold == "linear"
     assert any("interpolated" in note for note in result.diagnosis.notes)
+
+
+def test_other_readings_of_targets_are_searched_only_where_they_promise_more(
+    servo: Path, logs: Callable[..., list[Recording]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The hardware's friction leaves a gap beside dry friction, whatever the targets are."""
+    searched = []
+
+    def name_effects(problem: Problem, *rest: Any) -> tuple[Round, ...]:
+        searched.append(problem.hold)
+        return naming.name_effects(problem, *rest)
+
+    monkeypatch.setattr(holds, "name_effects", name_effects)
+    found = diagnose(servo, logs(hide("coulomb_friction", frictionloss=0.3)), effects=MOVING)
+    assert [named.effect for named in found.effects] == ["coulomb_friction"]
+    assert found.gap.position.after > 3 * found.gap.position.noise_floor
+    assert searched == ["zero_order"]
 
 
 def test_targets_may_be_shown_after_the_period_that_they_were_for(
