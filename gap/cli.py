@@ -290,6 +290,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="Of the sizes, the motions, the noise.")] = 0,
     seconds: Annotated[float, typer.Option(help="Length of each experiment.")] = 10.0,
     out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("rehearsal"),
+    allow_outside: AllowOutside = False,
 ) -> None:
     """Rehearse: record simulated hardware with effects hidden in it.
 
@@ -309,7 +310,7 @@ def simulate(
             f"{more[0]!r} follows the model {model!r}; effects to hide come after --hide."
         )
     hide = [*hide, *(more or ())] if hide else None
-    rehearsal = rehearse(model, hide, seed=seed, seconds=seconds)
+    rehearsal = rehearse(model, hide, seed=seed, seconds=seconds, allow_outside=allow_outside)
     console = _console()
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -28,7 +28,8 @@ from walkerkit.gap.rehearsal.hardware_drive import Drives
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, loudness
 from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NOT_THE_ROBOTS
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.robot import Measurement, Robot, load_robot
+from walkerkit.gap.simulation.sidecar import FILE, with_sidecar
 from walkerkit.tasks.excitation import BATTERY
 
 FloatArray = NDArray[np.float64]
@@ -58,7 +59,12 @@ class Rehearsal:
 
 
 def rehearse(
-    model: str | Path, hide: Sequence[str] | None = None, *, seed: int = 0, seconds: float = SECONDS
+    model: str | Path,
+    hide: Sequence[str] | None = None,
+    *,
+    seed: int = 0,
+    seconds: float = SECONDS,
+    allow_outside: bool = False,
 ) -> Rehearsal:
     """Draws what to hide, and records the experiments.
 
@@ -69,6 +75,7 @@ def rehearse(
             default one drawn from all but those of the ground.
         seed: of the draw, the experiments and the noise.
         seconds: length of each experiment.
+        allow_outside: the model's meshes and included files may lie outside of its folder.
 
     Returns:
         The recordings and what is hidden in them.
@@ -83,7 +90,9 @@ def rehearse(
             f"seconds is {seconds:g}; an experiment takes at least 1 s and at most {LONGEST:g} s."
         )
     rng = np.random.default_rng(seed)
-    robot = load_robot(model, floating=any(name in GROUND for name in names))
+    floating = any(name in GROUND for name in names)
+    robot = load_robot(model, floating=floating, allow_outside=allow_outside)
+    _check_as_given(robot)
     try:
         Drives(robot.model)
     except InputError as error:
@@ -103,6 +112,19 @@ def rehearse(
     if len(hidden) > 1:
         recordings = run_hardware(robot.model, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
     return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
+
+
+def _check_as_given(robot: Robot) -> None:
+    """Raises InputError where a file beside the model mends what the hardware would not have."""
+    if robot.path is None:
+        return
+    mended = with_sidecar(robot, robot.path)
+    if mended.laws or any(one != Measurement() for one in mended.measurement.values()):
+        raise InputError(
+            f"{robot.path}: {FILE} beside it adds laws or a measurement to this model, which "
+            "rehearsed hardware would lack. Rehearse with the model as it was before it was "
+            f"mended, or move {FILE} away."
+        )
 
 
 def _check_hideable(names: Sequence[str]) -> None:

@@ -442,6 +442,9 @@ def test_a_model_reads_other_folders_only_where_that_is_allowed(run: Run, folder
     (folder / "robot/servo.xml").write_text('<mujoco><include file="../servo.xml"/></mujoco>')
     refused(run("compare", "robot/servo.xml", "a.csv"), "../servo.xml", "--allow-outside")
     assert run("compare", "robot/servo.xml", "a.csv", "--allow-outside").status == 0
+    rehearsed = ("simulate", "robot/servo.xml", "--hide", "none", "--seconds", 1)
+    refused(run(*rehearsed), "../servo.xml", "--allow-outside")
+    assert run(*rehearsed, "--allow-outside").status == 0
 
 
 def test_a_manifest_beside_recordings_is_refused(run: Run, folder: Path) -> None:

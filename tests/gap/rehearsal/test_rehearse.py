@@ -6,6 +6,7 @@ import functools
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -48,6 +49,26 @@ def arm(tmp_path: Path) -> Path:
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
     return path
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        {"laws": {"elbow": {"controller_deadband": {"width": 0.01}}}},
+        {"measurement": {"elbow": {"encoder_gain": 1.02}}},
+    ],
+)
+def test_what_a_file_mends_beside_the_model_is_not_left_out(
+    arm: Path, beside: dict[str, Any]
+) -> None:
+    entry = {"hold": "zero_order", "command": {}, "measurement": {}, "laws": {}}
+    content = {"schema": 1, "effects": [], "models": {arm.name: {**entry, **beside}}}
+    (arm.parent / "actuators.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"arm\.xml: actuators\.json .* before it was mended"):
+        rehearse(arm, ["none"], seconds=1.0)
+    content["models"][arm.name] = entry
+    (arm.parent / "actuators.json").write_text(json.dumps(content))
+    assert len(rehearse(arm, ["none"], seconds=1.0).recordings) == len(EXPERIMENTS)
 
 
 def same(one: Rehearsal, other: Rehearsal) -> bool:
