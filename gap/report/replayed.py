@@ -18,7 +18,8 @@ from walkerkit.gap.report.diagnosis import Trace
 from walkerkit.gap.report.gaps import Gap, GapMap, GapSize
 from walkerkit.gap.report.locate import gap_map
 from walkerkit.gap.report.regimes import regimes
-from walkerkit.gap.search.problem import Half, Problem, channel_noise
+from walkerkit.gap.search.half import Half
+from walkerkit.gap.search.problem import Problem, channel_noise
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are, predict_together
 from walkerkit.gap.simulation.robot import Robot

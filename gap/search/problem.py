@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,9 +14,10 @@ from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.excerpt import Gaps, representative, spread
+from walkerkit.gap.search.half import REMADE, STRETCH, Half, Remake, Searched, other_ways
 from walkerkit.gap.search.numerical_error import Way
 from walkerkit.gap.search.objective import Objective, refine
-from walkerkit.gap.search.structure import Case, Fit, Structure
+from walkerkit.gap.search.structure import Fit, Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
@@ -25,119 +26,16 @@ from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
 
-REFINEMENT = 2  # how many times finer the timestep is that shows the numerical error
 # Velocity comes from the same encoder and adds its filter's lag.
 _SCORED = ("position", "effort", "base_position", "base_orientation")
-# Whole rollouts are searched in stretches: side by side they take less time, and tell as much.
-_STRETCH, _SCREEN_STRETCH = 1.5, 1.0  # s
-_MOST_STEPS, _RACE_STEPS, _SCREEN_STEPS = 40_000, 12_000, 4_000
-_RACE_STEPS_ON_FEET = 6_000  # of a floating base, whose many channels tell as much in half the time
+_MOST_STEPS = 40_000
 _TIMESTEP = 2e-3  # s, MuJoCo's own; parts are simulated no finer where that tells as much
-_TELLS_AS_MUCH = 0.03  # of a gap, which longer steps may change
 _MOST_WHOLE = 80_000
 _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _MOST_PARTS = 8  # that are kept, with their numerical errors
 _RATHER = 0.5  # of what another reading of efforts changes, which is then the one told of
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
-
-_REMADE: Mapping[Way, Callable[[Robot], Robot]] = {
-    "half": lambda robot: robot.refined(REFINEMENT),
-    "integrator": lambda robot: robot.refined(REFINEMENT, other_integrator=True),
-    "friction": lambda robot: robot.refined(REFINEMENT, as_dry_as_it_goes=True),
-    "reading": lambda robot: replace(robot, reads_effort_first=True),
-    "quarter": lambda robot: robot.refined(REFINEMENT**2),
-}
-
-
-def _other_ways(
-    robots: Sequence[Robot], channels: Sequence[Channel], hold: Hold
-) -> Mapping[Way, Callable[[Robot], Robot]]:
-    """How else some robots are simulated and read, to show the numerical error."""
-    needed: Mapping[Way, bool] = {
-        "friction": any(robot.has_dry_friction for robot in robots),
-        "reading": hold != "linear" and any(channel.signal == "effort" for channel in channels),
-    }
-    return {way: remake for way, remake in _REMADE.items() if needed.get(way, True)}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Half:
-    """Recordings of one role, of all robots.
-
-    Attributes:
-        recordings: per robot.
-        told: their replays over the horizon that the gap is told of.
-        objective: their comparison with the simulation, in stretches.
-        make_finer: makes the same in other ways, which show the numerical error.
-    """
-
-    recordings: tuple[tuple[Recording, ...], ...]
-    told: tuple[Replay, ...]
-    objective: Objective
-    make_finer: Callable[[], Mapping[Way, Objective]]
-
-    @cached_property
-    def finer(self) -> Mapping[Way, Objective]:
-        """What `make_finer` makes, where it is needed."""
-        return self.make_finer()
-
-    def refine(self, fit: Fit, residual: FloatArray | None = None) -> None:
-        """Finds the simulation's numerical error at a fit, whose residual with it may be known."""
-        self.objective.refine(self.finer, fit.case, residual)
-
-
-class Searched:
-    """The parts of what is fitted on which effects are tried, where it is long.
-
-    Args:
-        fit: what is fitted.
-        part: makes a part of so many steps at most, in stretches of so many seconds, that holds its
-            part of some gaps, with timesteps so many times longer; `fit` itself where it is no
-            longer.
-        on_feet: the robot has a floating base.
-        longer: how many times the timesteps may be.
-
-    Attributes:
-        race: what candidates are first fitted on.
-        screen: short parts, on which every effect is tried.
-    """
-
-    def __init__(
-        self,
-        fit: Half,
-        part: Callable[[int, float, Gaps, int], Half],
-        *,
-        on_feet: bool,
-        longer: int,
-    ):
-        self._fit, self._part, self._longer = fit, part, longer
-        self._race_steps = _RACE_STEPS_ON_FEET if on_feet else _RACE_STEPS
-        self._choose(Gaps(rows={}), 1)
-
-    def look_at(self, case: Case) -> None:
-        """Chooses them so that they hold their part of what one row of values leaves."""
-        if self.screen is self._fit:  # and so is the race
-            return
-        objective = self._fit.objective
-        gaps = Gaps.of(objective, objective.simulated([case])[0][0])
-        self._choose(gaps, 1)
-        if self._longer > 1:
-            own = self.screen.objective
-            self._choose(gaps, self._longer)
-            if not _tells_as_much(self.screen.objective, own, case):
-                self._choose(gaps, 1)
-
-    def _choose(self, gaps: Gaps, longer: int) -> None:
-        self.race = self._part(self._race_steps, _STRETCH, gaps, longer)
-        self.screen = self._part(_SCREEN_STEPS, _SCREEN_STRETCH, gaps, longer)
-
-
-def _tells_as_much(longer: Objective, own: Objective, case: Case) -> bool:
-    """Whether a gap in every channel is nearly the same with longer timesteps."""
-    (residual,), (other,) = (one.simulated([case])[0] for one in (own, longer))
-    gap, changed = np.sqrt(own.mean_square(np.stack([residual, other - residual])))
-    return bool((changed <= _TELLS_AS_MUCH * np.maximum(gap, own.floor)).all())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +102,7 @@ class Problem:
         def finer() -> Mapping[Way, Objective]:
             return {
                 way: self._objective([one.on(remake(one.robot), self.channels) for one in told])
-                for way, remake in _other_ways(self.robots, self.channels, self.hold).items()
+                for way, remake in other_ways(self.robots, self.channels, self.hold).items()
             }
 
         return replace(self.fit, objective=self._objective(told), make_finer=finer)
@@ -220,14 +118,14 @@ class Problem:
 
     def as_read(self, explained: Fit) -> Problem:
         """The same as it is told of: efforts read before targets, where that suits a fit better."""
-        if "reading" not in _other_ways(self.robots, self.channels, self.hold):
+        if "reading" not in other_ways(self.robots, self.channels, self.hold):
             return self
         self.refine(explained)
         halves = self.fit, self.held
         factors = [half.objective.factor("reading", explained.case) for half in halves]
         if np.mean(factors) <= _RATHER:
             return self
-        robots = {id(robot): _REMADE["reading"](robot) for robot in self.robots}
+        robots = {id(robot): REMADE["reading"](robot) for robot in self.robots}
 
         def read(half: Half) -> Half:
             return replace(half, told=tuple(one.on(robots[id(one.robot)]) for one in half.told))
@@ -292,7 +190,7 @@ def build(
 
     def replays(
         chosen: Sequence[Sequence[Segment]],
-        remade: Callable[[Robot], Robot] = lambda robot: robot,
+        remade: Remake = lambda robot: robot,
         kept: Sequence[Channel] = channels,
     ) -> tuple[Replay, ...]:
         return tuple(
@@ -320,10 +218,10 @@ def build(
             return robot.coarsened(longer) if longer > 1 else robot
 
         def finer() -> Mapping[Way, Objective]:
-            def made(remake: Callable[[Robot], Robot]) -> Objective:
+            def made(remake: Remake) -> Objective:
                 return objective(replays(chosen, lambda robot: remake(stepped(robot)), scored))
 
-            return {way: made(remake) for way, remake in _other_ways(robots, scored, hold).items()}
+            return {way: made(remake) for way, remake in other_ways(robots, scored, hold).items()}
 
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
@@ -342,7 +240,7 @@ def build(
     def picked(
         recordings: Sequence[Sequence[Recording]],
         share: float,
-        stretch: float = _STRETCH,
+        stretch: float = STRETCH,
         gaps: Gaps | None = None,
     ) -> tuple[tuple[Segment, ...], ...]:
         found: list[tuple[Segment, ...]] = []

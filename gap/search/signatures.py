@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.problem import Half
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, carried
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from walkerkit.actuators.laws.law import Law
 from walkerkit.gap.recordings.segments import Segment, cut
 from walkerkit.gap.recordings.state import MeasuredState
-from walkerkit.gap.search.problem import Half, Problem
+from walkerkit.gap.search.half import Half
+from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.commands import between_samples, routes
 from walkerkit.gap.simulation.robot import Measurement, Robot
 from walkerkit.gap.simulation.start import memory, rest, start_state

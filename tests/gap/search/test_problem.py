@@ -11,8 +11,9 @@ from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.naming import name_effects
-from walkerkit.gap.search.problem import Half, Problem
+from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.workflow import prepare
 
 LIMIT, JUMP = 3.0, 2.6  # N·m, s
