@@ -53,6 +53,11 @@ def estimate(signals: Sequence[FloatArray]) -> Noise:
     return Noise(std=max(seen, quantum / np.sqrt(12)), quantum=quantum)
 
 
+def each(signals: FloatArray) -> FloatArray:
+    """(k,) standard deviations of the noise of (k, n_samples) signals, each by itself."""
+    return np.array([estimate([signal]).std for signal in signals])
+
+
 def _typical(signals: Sequence[FloatArray], order: int) -> float:
     """Noise of the typical stretch, where local polynomials of an order follow the motion."""
     if not signals:

@@ -43,15 +43,17 @@ def whole(recording: Recording) -> tuple[Segment, ...]:
 
 
 def windows(recording: Recording, length: float) -> tuple[Segment, ...]:
-    """Adjoining segments of `length` seconds; what is left at the end is dropped.
+    """Adjoining segments of `length` seconds; what is left over is dropped, half at either end.
 
-    A recording shorter than `length`, or of too few samples a segment, is one segment.
+    There the measured state, which each of them starts from, is known least. A recording shorter
+    than `length`, or of too few samples a segment, is one segment.
     """
     time = recording.time
     count = int((time[-1] - time[0]) / length)
     if count == 0:
         return whole(recording)
-    edges = np.searchsorted(time, time[0] + length * np.arange(count + 1))
+    left = float(time[-1] - time[0]) - length * count
+    edges = np.searchsorted(time, time[0] + left / 2 + length * np.arange(count + 1))
     found = tuple(
         Segment(recording=recording, first=int(first), last=int(last))
         for first, last in itertools.pairwise(edges)

@@ -1,9 +1,12 @@
 """Signals without their noise, and how fast they change.
 
 A local cubic fitted to the samples around each instant (Savitzky and Golay, Analytical Chemistry
-36, 1964) has no lag, unlike a causal filter.
+36, 1964) has no lag, unlike a causal filter. Where a motion is too fast for it, as at an impact or
+where a torque sets in, it is fitted to fewer samples: to as many as tell the same slope as all
+smaller fits do, within the noise (Goldenshluger and Nemirovski, Mathematical Methods of Statistics
+6, 1997).
 
-    smoothed = Smoothed(recording.time, np.stack([hip, knee]))
+    smoothed = Smoothed(recording.time, np.stack([hip, knee]), noise=np.array([1e-4, 1e-4]))
     smoothed.at(time), smoothed.slope_at(time)      # (n, 2) each
 """
 
@@ -18,6 +21,9 @@ FloatArray = NDArray[np.float64]
 _WINDOW = 0.05  # s; short against a leg's motion, long against the encoder's steps
 _ORDER = 3
 _FEWEST_SAMPLES = 7
+_SHORTER, _LEAST = 0.6, 5  # of the samples of the next longer fit; of all
+_BEYOND = 4.0  # standard deviations by which slopes differ that the noise alone does not make
+_SLIGHT = 0.03  # of the typical slope, by which they may differ besides
 _ROUNDING = 1e-6  # of a step
 
 
@@ -27,6 +33,8 @@ class Smoothed:
     Args:
         time: (T,) s, increasing.
         signals: (k, T) samples.
+        noise: (k,) standard deviations of their noise, to follow fast motions; None where what is
+            fast is noise.
 
     Attributes:
         step: spacing of the uniform grid that they were brought to [s].
@@ -34,7 +42,7 @@ class Smoothed:
         slopes: (k, n) derivatives on that grid [1/s].
     """
 
-    def __init__(self, time: FloatArray, signals: FloatArray):
+    def __init__(self, time: FloatArray, signals: FloatArray, noise: FloatArray | None = None):
         step = float(np.median(np.diff(time)))
         steps = int(np.floor((time[-1] - time[0]) / step + _ROUNDING))
         self._grid = time[0] + step * np.arange(steps + 1)
@@ -51,6 +59,34 @@ class Smoothed:
             if order
             else np.gradient(resampled, step, axis=1)
         )
+        if noise is not None and order == _ORDER:
+            for k, (row, std) in enumerate(zip(resampled, noise, strict=True)):
+                self._follow(k, row, float(std), samples)
+
+    def _follow(self, k: int, row: FloatArray, std: float, samples: int) -> None:
+        """Takes fits to fewer samples where a longer one contradicts some that are shorter."""
+        lengths = [samples]
+        while (shorter := int(_SHORTER * lengths[-1]) | 1) >= _LEAST and shorter < lengths[-1]:
+            lengths.append(shorter)
+        slopes = [
+            savgol_filter(row, length, _ORDER, deriv=1, delta=self.step) for length in lengths
+        ]
+        spread = [std * _spread(length, len(row)) / self.step for length in lengths]
+        slight = _SLIGHT * float(np.sqrt(np.mean(slopes[0] ** 2)))
+        left = np.ones(len(row), dtype=bool)  # where no fit is accepted yet
+        for i, length in enumerate(lengths):
+            contradicted = np.zeros(len(row), dtype=bool)
+            for j in range(i + 1, len(lengths)):
+                # Of a fit and a part of its samples, the difference varies by as much less.
+                noise = np.sqrt(np.maximum(spread[j] ** 2 - spread[i] ** 2, 0.0))
+                contradicted |= np.abs(slopes[j] - slopes[i]) > _BEYOND * noise + slight
+            here = left & ~contradicted
+            if i and here.any():
+                self.slopes[k, here] = slopes[i][here]
+                self.values[k, here] = savgol_filter(row, length, _ORDER)[here]
+            left &= contradicted
+            if not left.any():
+                break
 
     def at(self, time: FloatArray) -> FloatArray:
         """(n, k) values at (n,) instants, held at the ends."""
@@ -67,3 +103,16 @@ class Smoothed:
         part = index - whole
         between: FloatArray = rows[:, whole] * (1 - part) + rows[:, whole + 1] * part
         return between.T
+
+
+def _spread(samples: int, count: int) -> FloatArray:
+    """(count,) standard deviation of the slopes of fits to noise of 1, of samples 1 apart."""
+    half = samples // 2
+    places = np.arange(samples, dtype=np.float64) - half
+    fit = np.linalg.pinv(np.vander(places, _ORDER + 1, increasing=True))
+    powers = np.arange(1, _ORDER + 1)
+    weights = (powers * places[:, None] ** (powers - 1)) @ fit[1:]
+    each = np.linalg.norm(weights, axis=1)
+    spread = np.full(count, each[half])
+    spread[:half], spread[count - half :] = each[:half], each[half + 1 :]
+    return spread

@@ -76,8 +76,8 @@ class MeasuredState:
 
     def __init__(self, recording: Recording, joints: Sequence[str]):
         self.recording = recording
-        columns = [recording.columns[f"{joint}/position"] for joint in joints]
-        self._smoothed = Smoothed(recording.time, np.stack(columns))
+        columns = np.stack([recording.columns[f"{joint}/position"] for joint in joints])
+        self._smoothed = Smoothed(recording.time, columns, noise.each(columns))
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The state at some instants, held at the ends of the recording.

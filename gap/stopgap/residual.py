@@ -22,7 +22,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.recording import LARGEST_POSITION, Recording
 from walkerkit.gap.recordings.segments import Segment, whole
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.search.problem import Problem
@@ -133,7 +133,7 @@ def residual_effort(
 def _own_logs(
     problem: Problem, experiments: Sequence[tuple[Robot, Recording]]
 ) -> list[Recording | None]:
-    """What the simulation itself logs of experiments; None where it diverges, or in windows."""
+    """What the simulation itself logs of experiments; None where it flies off, or in windows."""
     if problem.window is not None:
         return [None] * len(experiments)
     replays = [
@@ -153,8 +153,8 @@ def _own_logs(
             f"{joint}/position": column
             for joint, column in zip(recording.joints, predicted.T, strict=True)
         }
-        known = bool(np.isfinite(predicted).all())
-        found.append(replace(recording, columns={**recording.columns, **logged}) if known else None)
+        near = bool((np.abs(predicted) <= LARGEST_POSITION).all())  # what is NaN is not
+        found.append(replace(recording, columns={**recording.columns, **logged}) if near else None)
     return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -46,6 +47,7 @@ SERVO = """
   <actuator><position joint="knee" kp="30" kv="1" forcerange="-20 20"/></actuator>
 </mujoco>
 """
+MOTOR = re.sub("<position.*?/>", '<motor joint="knee"/>', SERVO)
 RATE, SECONDS = 250.0, 4.0
 Q_ONLY = ("position_target", "position")
 
@@ -674,8 +676,7 @@ def test_targets_may_be_shown_after_the_period_that_they_were_for(
 
 def test_joints_driven_by_effort_are_compared_over_windows(tmp_path: Path) -> None:
     model = tmp_path / "motor.xml"
-    head, _, tail = SERVO.partition("<position joint")
-    model.write_text(head + '<motor joint="knee"/>' + tail.partition("/>")[2])
+    model.write_text(MOTOR)
     recordings = []
     for recording in pendulum(1):
         columns = dict(recording.columns)
@@ -691,8 +692,7 @@ def test_joints_driven_by_effort_are_compared_over_windows(tmp_path: Path) -> No
 
 
 def test_the_noise_of_the_states_that_replays_restart_from_is_no_gap(tmp_path: Path) -> None:
-    free = SERVO.replace('damping="0.1" ', "").partition("<position joint")
-    motor = f'{free[0]}<motor joint="knee"/>{free[2].partition("/>")[2]}'
+    motor = MOTOR.replace('damping="0.1" ', "")
     path = tmp_path / "motor.xml"
     path.write_text(motor)
     model = mujoco.MjModel.from_xml_string(motor.replace('timestep="0.002"', 'timestep="0.0005"'))
@@ -715,6 +715,38 @@ def test_the_noise_of_the_states_that_replays_restart_from_is_no_gap(tmp_path: P
     assert size.noise_floor > 1.5 * std
     assert size.before == pytest.approx(size.floor, rel=0.3)
     assert found.verdict == "no_gap"
+
+
+def jolted(*, frictionloss: float = 0.0) -> list[Recording]:
+    """A leg's joint driven by torque, which is asked for a pose from the first sample on."""
+    model = mujoco.MjModel.from_xml_string(MOTOR.replace('timestep="0.002"', 'timestep="0.0005"'))
+    model.dof_frictionloss = frictionloss
+    rng = np.random.default_rng(0)
+    recordings = []
+    for name, pose in (("a", 0.9), ("b", -0.7), ("c", 0.6)):
+        data, time = mujoco.MjData(model), np.arange(0.0, 3.0, 1 / RATE)
+        columns = {"knee/position": np.empty(len(time)), "knee/effort_target": np.empty(len(time))}
+        for k, now in enumerate(time):
+            target = pose * np.cos(3 * now)
+            data.ctrl = np.clip(60 * (target - data.qpos) - 1.5 * data.qvel, -18, 18)
+            columns["knee/effort_target"][k] = data.ctrl[0]
+            columns["knee/position"][k] = data.qpos[0] + 1e-4 * rng.standard_normal()
+            mujoco.mj_step(model, data, nstep=round(1 / RATE / model.opt.timestep))
+        recordings.append(Recording(name=name, time=time, columns=columns))
+    return recordings
+
+
+@pytest.mark.parametrize("frictionloss", [0.0, 0.3])
+def test_a_log_may_begin_with_a_jolt(tmp_path: Path, frictionloss: float) -> None:
+    path = tmp_path / "motor.xml"
+    path.write_text(MOTOR)
+    found = diagnose(path, jolted(frictionloss=frictionloss))
+    if not frictionloss:
+        nothing_named(found)
+        return
+    (named,) = found.effects
+    assert named.effect == "coulomb_friction"
+    assert values(named)["frictionloss"] == pytest.approx(frictionloss, rel=0.03)
 
 
 EFFORT = "knee/effort"

@@ -209,8 +209,8 @@ def test_windows_of_a_recording_are_the_recording():
     for segments in (whole(recording), windows(recording, 1.0)):
         replay = Replay(robot, segments, CHANNELS)
         residual = np.zeros_like(replay.measured)
-        rows = len(residual)
-        residual[:, 1] = 0.01 * (motion("knee", 1) > 1.0)[:rows]
+        rows = slice(segments[0].first, segments[-1].last)
+        residual[:, 1] = 0.01 * (motion("knee", 1) > 1.0)[rows]
         found.append(
             {(at.joint, at.regime): at.share for at in locate([replay], [residual], JOINTS)}
         )

@@ -400,7 +400,7 @@ class TestNativeDelays:
             within - within[0],
         )
         # Ten time constants are remembered; velocities are the most sensitive to the rest.
-        np.testing.assert_allclose(got[:, :4], expected[:, :4], atol=1e-4)
+        np.testing.assert_allclose(got[:, :4], expected[:, :4], atol=2e-4)
 
 
 class TestDelays:
@@ -686,11 +686,13 @@ class TestSegments:
         recording = log(irregular())
         time, parts = recording.time, windows(log(irregular()), 0.25)
         assert [p.first for p in parts[1:]] == [p.last for p in parts[:-1]]
-        assert parts[0].first == 0
+        before, after = time[parts[0].first] - time[0], time[-1] - time[parts[-1].last]
+        assert before == pytest.approx(after, abs=2 * np.diff(time).max())
+        assert before + after < 0.25
+        start = time[0] + ((time[-1] - time[0]) % 0.25) / 2
         for k, part in enumerate(parts):
-            inside = (time >= time[0] + 0.25 * k) & (time < time[0] + 0.25 * (k + 1))
+            inside = (time >= start + 0.25 * k) & (time < start + 0.25 * (k + 1))
             np.testing.assert_array_equal(np.flatnonzero(inside), np.arange(part.first, part.last))
-        assert time[-1] - time[parts[-1].last] < 0.25
 
     def test_a_recording_shorter_than_a_window_stays_whole(self):
         recording = log(np.arange(0, 0.2, 0.01))
@@ -699,11 +701,11 @@ class TestSegments:
         assert whole(recording)[0].duration == pytest.approx(0.19)
 
     def test_gaps_in_the_log_make_no_windows(self):
-        # Three samples of the second window are left, too few to compare.
-        time = np.r_[np.arange(0, 0.13, 0.01), np.arange(2.0, 2.3, 0.01)]
+        # Two samples of the second window are left, too few to compare.
+        time = np.r_[np.arange(0, 0.165, 0.01), np.arange(2.0, 2.295, 0.01)]
         parts = windows(log(time), 0.1)
         assert all(part.last - part.first >= 4 for part in parts)
-        assert [part.start for part in parts] == pytest.approx([0, 2, 2.1], abs=0.011)
+        assert [part.start for part in parts] == pytest.approx([0.05, 2, 2.05, 2.15], abs=0.011)
         assert all(part.duration <= 0.1 + 1e-9 for part in parts)
 
 
