@@ -9,8 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.smooth import AT_AN_END
+from walkerkit.gap.recordings.state import MeasuredState
 
 _FEWEST_ROWS = 4
+_ROUNDED = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,23 +46,32 @@ def whole(recording: Recording) -> tuple[Segment, ...]:
 
 
 def windows(recording: Recording, length: float) -> tuple[Segment, ...]:
-    """Adjoining segments of `length` seconds; what is left over is dropped, half at either end.
+    """Segments of `length` seconds, each from where the measured state is known well.
 
-    There the measured state, which each of them starts from, is known least. A recording shorter
-    than `length`, or of too few samples a segment, is one segment.
+    The first begins when half the fits at the log's beginning are over, if enough is left; each
+    other where the one before ends. Where a joint's motion is fast then, as in an impact, the
+    segment waits for that to pass, for half a length at most. What is left over is dropped.
+
+    A recording shorter than `length`, or of too few samples a segment, is one segment.
     """
     time = recording.time
     count = int((time[-1] - time[0]) / length)
     if count == 0:
         return whole(recording)
+    fast = MeasuredState.shared(recording, recording.joints).fast_at(time)
     left = float(time[-1] - time[0]) - length * count
-    edges = np.searchsorted(time, time[0] + left / 2 + length * np.arange(count + 1))
-    found = tuple(
-        Segment(recording=recording, first=int(first), last=int(last))
-        for first, last in itertools.pairwise(edges)
-        if last - first >= _FEWEST_ROWS
-    )
-    return found or whole(recording)
+    start, found = float(time[0]) + min(left, AT_AN_END), []
+    while start + length <= time[-1] + _ROUNDED * length:
+        first, late = np.searchsorted(time, (start, start + length / 2))
+        quiet = np.flatnonzero(~fast[first:late])
+        if quiet.size and quiet[0] and time[first + quiet[0]] + length <= time[-1]:
+            first += quiet[0]
+            start = float(time[first])
+        start += length
+        last = np.searchsorted(time, start)
+        if last - first >= _FEWEST_ROWS:
+            found.append(Segment(recording=recording, first=int(first), last=int(last)))
+    return tuple(found) or whole(recording)
 
 
 def stretches(recording: Recording, longest: float) -> tuple[Segment, ...]:
@@ -67,7 +79,13 @@ def stretches(recording: Recording, longest: float) -> tuple[Segment, ...]:
     time = recording.time
     duration = float(time[-1] - time[0])
     count = max(1, int(np.ceil(duration / longest - 1e-6)))
-    return windows(recording, duration / count * (1 - 1e-12))
+    edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1))
+    found = tuple(
+        Segment(recording=recording, first=int(first), last=int(last))
+        for first, last in itertools.pairwise(edges)
+        if last - first >= _FEWEST_ROWS
+    )
+    return found or whole(recording)
 
 
 def cut(recordings: Sequence[Recording], length: float | None) -> tuple[Segment, ...]:

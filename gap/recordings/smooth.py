@@ -14,11 +14,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import savgol_filter
 
 FloatArray = NDArray[np.float64]
 
 _WINDOW = 0.05  # s; short against a leg's motion, long against the encoder's steps
+AT_AN_END = _WINDOW / 2  # s of a log, in which slopes are known less
 _ORDER = 3
 _FEWEST_SAMPLES = 7
 _SHORTER, _LEAST = 0.6, 5  # of the samples of the next longer fit; of all
@@ -40,6 +42,7 @@ class Smoothed:
         step: spacing of the uniform grid that they were brought to [s].
         values: (k, n) on that grid.
         slopes: (k, n) derivatives on that grid [1/s].
+        fast: (n,) bool on that grid, where one of the signals was followed.
     """
 
     def __init__(self, time: FloatArray, signals: FloatArray, noise: FloatArray | None = None):
@@ -59,6 +62,7 @@ class Smoothed:
             if order
             else np.gradient(resampled, step, axis=1)
         )
+        self.fast = np.zeros(len(self._grid), dtype=bool)
         if noise is not None and order == _ORDER:
             for k, (row, std) in enumerate(zip(resampled, noise, strict=True)):
                 self._follow(k, row, float(std), samples)
@@ -80,11 +84,14 @@ class Smoothed:
                 # Of a fit and a part of its samples, the difference varies by as much less.
                 noise = np.sqrt(np.maximum(spread[j] ** 2 - spread[i] ** 2, 0.0))
                 contradicted |= np.abs(slopes[j] - slopes[i]) > _BEYOND * noise + slight
+            contradicted = _closed(contradicted, length)
             here = left & ~contradicted
             if i and here.any():
                 self.slopes[k, here] = slopes[i][here]
                 self.values[k, here] = savgol_filter(row, length, _ORDER)[here]
             left &= contradicted
+            if i == 0:
+                self.fast |= left
             if not left.any():
                 break
 
@@ -96,6 +103,12 @@ class Smoothed:
         """(n, k) derivatives at (n,) instants, held at the ends."""
         return self._between(self.slopes, time)
 
+    def fast_at(self, time: FloatArray) -> NDArray[np.bool_]:
+        """(n,) whether one of the signals was followed at (n,) instants."""
+        index = np.rint((time - self._grid[0]) / self.step).astype(np.intp)
+        found: NDArray[np.bool_] = self.fast[np.clip(index, 0, len(self.fast) - 1)]
+        return found
+
     def _between(self, rows: FloatArray, time: FloatArray) -> FloatArray:
         last = rows.shape[1] - 1
         index = np.clip((time - self._grid[0]) / self.step, 0, last)
@@ -103,6 +116,12 @@ class Smoothed:
         part = index - whole
         between: FloatArray = rows[:, whole] * (1 - part) + rows[:, whole + 1] * part
         return between.T
+
+
+def _closed(marked: NDArray[np.bool_], length: int) -> NDArray[np.bool_]:
+    """Marked samples, and those between: a fit to so many passes the truth now and then."""
+    wide = maximum_filter1d(marked.view(np.uint8), length)
+    return minimum_filter1d(wide, length).view(np.bool_)
 
 
 def _spread(samples: int, count: int) -> FloatArray:

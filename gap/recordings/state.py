@@ -90,6 +90,10 @@ class MeasuredState:
         """
         return self._smoothed.at(time), self._smoothed.slope_at(time)
 
+    def fast_at(self, time: FloatArray) -> NDArray[np.bool_]:
+        """(n,) whether a joint moves so fast at (n,) instants that few samples tell its state."""
+        return self._smoothed.fast_at(time)
+
     @property
     def qvel(self) -> FloatArray:
         """(n_joints, n) velocities on a uniform grid [rad/s]."""

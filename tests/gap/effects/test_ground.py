@@ -15,7 +15,7 @@ from walkerkit.gap.simulation.ground import Ground
 from walkerkit.gap.simulation.robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
-NOISES_LEFT = 16.0  # windows of a base that floats restart with an error that lasts
+NOISES_LEFT = 8.0  # windows of a base that floats restart with an error that lasts
 FEET = ((0.4, 0.3), (0.4, -0.3), (-0.4, 0.3), (-0.4, -0.3))
 TABLE = """
 <mujoco><compiler angle="{angle}"/><option timestep="0.002" integrator="implicitfast"/>

@@ -681,18 +681,41 @@ class TestCommands:
             routes(arm(), Recording(name="log", time=time, columns=columns))
 
 
+def moved(time, position):
+    columns = {"hip/position": position, "hip/position_target": position}
+    return Recording(name="log", time=time, columns=columns)
+
+
 class TestSegments:
     def test_windows_adjoin_and_have_their_length(self):
-        recording = log(irregular())
-        time, parts = recording.time, windows(log(irregular()), 0.25)
+        time = irregular()
+        parts = windows(moved(time, np.sin(2 * time)), 0.2)
         assert [p.first for p in parts[1:]] == [p.last for p in parts[:-1]]
-        before, after = time[parts[0].first] - time[0], time[-1] - time[parts[-1].last]
-        assert before == pytest.approx(after, abs=2 * np.diff(time).max())
-        assert before + after < 0.25
-        start = time[0] + ((time[-1] - time[0]) % 0.25) / 2
+        start = time[0] + 0.025  # the state is not as well known at once
         for k, part in enumerate(parts):
-            inside = (time >= start + 0.25 * k) & (time < start + 0.25 * (k + 1))
+            inside = (time >= start + 0.2 * k) & (time < start + 0.2 * (k + 1))
             np.testing.assert_array_equal(np.flatnonzero(inside), np.arange(part.first, part.last))
+        assert time[-1] - time[parts[-1].last] < 0.2
+
+    def test_windows_of_which_nothing_is_left_begin_at_once(self):
+        time = np.arange(0, 1.0001, 0.01)
+        parts = windows(moved(time, np.sin(2 * time)), 0.25)
+        assert [part.start for part in parts] == [0, 0.25, 0.5, 0.75]
+
+    @pytest.mark.parametrize("around", [0.375, 0.525, 0.675])
+    def test_windows_wait_until_an_impact_is_over(self, around):
+        time = np.arange(0, 3, 0.004)
+        after = time - around
+        position = np.where(after < 0, 2 * after, -5 * after * np.exp(-np.maximum(after, 0) / 0.03))
+        noise = 1e-4 * np.random.default_rng(0).standard_normal(len(time))
+        parts = windows(moved(time, position + noise), 0.5)
+        starts = [part.start for part in parts]
+        assert all(part.duration == pytest.approx(0.496, abs=1e-6) for part in parts)
+        if around == 0.525:
+            assert around + 0.01 < starts[1] < around + 0.15
+            assert starts[2] == pytest.approx(starts[1] + 0.5)
+        else:
+            assert starts == pytest.approx([0.028 + 0.5 * k for k in range(5)], abs=0.004)
 
     def test_a_recording_shorter_than_a_window_stays_whole(self):
         recording = log(np.arange(0, 0.2, 0.01))
@@ -701,11 +724,11 @@ class TestSegments:
         assert whole(recording)[0].duration == pytest.approx(0.19)
 
     def test_gaps_in_the_log_make_no_windows(self):
-        # Two samples of the second window are left, too few to compare.
-        time = np.r_[np.arange(0, 0.165, 0.01), np.arange(2.0, 2.295, 0.01)]
-        parts = windows(log(time), 0.1)
+        # Two or three samples of some windows are left, too few to compare.
+        time = np.r_[np.arange(0, 0.145, 0.01), np.arange(2.0, 2.295, 0.01)]
+        parts = windows(moved(time, np.sin(2 * time)), 0.1)
         assert all(part.last - part.first >= 4 for part in parts)
-        assert [part.start for part in parts] == pytest.approx([0.05, 2, 2.05, 2.15], abs=0.011)
+        assert [part.start for part in parts] == pytest.approx([0.03, 2.03, 2.13], abs=1e-9)
         assert all(part.duration <= 0.1 + 1e-9 for part in parts)
 
 
