@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +60,7 @@ def windows(recording: Recording, length: float) -> tuple[Segment, ...]:
         return whole(recording)
     fast = MeasuredState.shared(recording, recording.joints).fast_at(time)
     left = float(time[-1] - time[0]) - length * count
-    start, found = float(time[0]) + min(left, AT_AN_END), []
+    start, spans = float(time[0]) + min(left, AT_AN_END), []
     while start + length <= time[-1] + _ROUNDED * length:
         first, late = np.searchsorted(time, (start, start + length / 2))
         quiet = np.flatnonzero(~fast[first:late])
@@ -68,10 +68,8 @@ def windows(recording: Recording, length: float) -> tuple[Segment, ...]:
             first += quiet[0]
             start = float(time[first])
         start += length
-        last = np.searchsorted(time, start)
-        if last - first >= _FEWEST_ROWS:
-            found.append(Segment(recording=recording, first=int(first), last=int(last)))
-    return tuple(found) or whole(recording)
+        spans.append((first, np.searchsorted(time, start)))
+    return _segments(recording, spans)
 
 
 def stretches(recording: Recording, longest: float) -> tuple[Segment, ...]:
@@ -80,9 +78,16 @@ def stretches(recording: Recording, longest: float) -> tuple[Segment, ...]:
     duration = float(time[-1] - time[0])
     count = max(1, int(np.ceil(duration / longest - 1e-6)))
     edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1))
+    return _segments(recording, itertools.pairwise(edges))
+
+
+def _segments(
+    recording: Recording, spans: Iterable[tuple[np.integer, np.integer]]
+) -> tuple[Segment, ...]:
+    """Those from a first sample to one past a last that have enough samples, or the whole."""
     found = tuple(
         Segment(recording=recording, first=int(first), last=int(last))
-        for first, last in itertools.pairwise(edges)
+        for first, last in spans
         if last - first >= _FEWEST_ROWS
     )
     return found or whole(recording)

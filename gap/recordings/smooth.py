@@ -72,9 +72,8 @@ class Smoothed:
         lengths = [samples]
         while (shorter := int(_SHORTER * lengths[-1]) | 1) >= _LEAST and shorter < lengths[-1]:
             lengths.append(shorter)
-        slopes = [
-            savgol_filter(row, length, _ORDER, deriv=1, delta=self.step) for length in lengths
-        ]
+        shorter_fits = (savgol_filter(row, n, _ORDER, 1, self.step) for n in lengths[1:])
+        slopes = [self.slopes[k].copy(), *shorter_fits]
         spread = [std * _spread(length, len(row)) / self.step for length in lengths]
         slight = _SLIGHT * float(np.sqrt(np.mean(slopes[0] ** 2)))
         left = np.ones(len(row), dtype=bool)  # where no fit is accepted yet
