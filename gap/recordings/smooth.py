@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.signal import savgol_filter
 
 FloatArray = NDArray[np.float64]
@@ -62,10 +62,13 @@ class Smoothed:
             if order
             else np.gradient(resampled, step, axis=1)
         )
+        self._off_slope = np.zeros_like(self.slopes)
         self.fast = np.zeros(len(self._grid), dtype=bool)
         if noise is not None and order == _ORDER:
             for k, (row, std) in enumerate(zip(resampled, noise, strict=True)):
                 self._follow(k, row, float(std), samples)
+        spread = 0.0 if noise is None else noise[:, None]
+        self._off: FloatArray = np.hypot(spread, self.values - resampled)
 
     def _follow(self, k: int, row: FloatArray, std: float, samples: int) -> None:
         """Takes fits to fewer samples where a longer one contradicts some that are shorter."""
@@ -79,12 +82,17 @@ class Smoothed:
         left = np.ones(len(row), dtype=bool)  # where no fit is accepted yet
         for i, length in enumerate(lengths):
             contradicted = np.zeros(len(row), dtype=bool)
+            beyond = np.zeros(len(row))
             for j in range(i + 1, len(lengths)):
                 # Of a fit and a part of its samples, the difference varies by as much less.
                 noise = np.sqrt(np.maximum(spread[j] ** 2 - spread[i] ** 2, 0.0))
-                contradicted |= np.abs(slopes[j] - slopes[i]) > _BEYOND * noise + slight
+                apart = np.abs(slopes[j] - slopes[i])
+                contradicted |= apart > _BEYOND * noise + slight
+                if j == i + 1:  # which has the least noise of its own
+                    beyond = uniform_filter1d(apart**2 - noise**2, length)
             contradicted = _closed(contradicted, length)
             here = left & ~contradicted
+            self._off_slope[k, here] = np.sqrt(spread[i] ** 2 + np.maximum(beyond, 0.0))[here]
             if i and here.any():
                 self.slopes[k, here] = slopes[i][here]
                 self.values[k, here] = savgol_filter(row, length, _ORDER)[here]
@@ -93,6 +101,10 @@ class Smoothed:
                 self.fast |= left
             if not left.any():
                 break
+
+    def errors_at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations of values and of slopes at (n,) instants, (n, k) each."""
+        return self._between(self._off, time), self._between(self._off_slope, time)
 
     def at(self, time: FloatArray) -> FloatArray:
         """(n, k) values at (n,) instants, held at the ends."""

@@ -94,6 +94,10 @@ class MeasuredState:
         """(n,) whether a joint moves so fast at (n,) instants that few samples tell its state."""
         return self._smoothed.fast_at(time)
 
+    def errors_at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations of the state at (n,) instants, (n, n_joints) each, as `at` has it."""
+        return self._smoothed.errors_at(time)
+
     @property
     def qvel(self) -> FloatArray:
         """(n_joints, n) velocities on a uniform grid [rad/s]."""

@@ -11,13 +11,16 @@ for the order in which a control loop reads efforts and sends targets, which a l
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final, Literal
+from dataclasses import dataclass, replace
+from typing import Final, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.search.starts import Starts
+
 FloatArray = NDArray[np.float64]
+_Float = TypeVar("_Float", np.float32, np.float64)
 
 Way = Literal["half", "integrator", "friction", "reading", "quarter"]
 """Another way to integrate: half the timestep, and over that another integrator, friction that is
@@ -43,11 +46,14 @@ class NumericalError:
     Attributes:
         ways: how else it was integrated.
         changes: (k, rows, n_scored), of half the timestep over its own, and of others over that;
-            empty where the error is unknown or left alone.
+            empty where the error is unknown or left alone. Freed of what starts can make.
+        starts: what errors in the measured states that segments start from change; None where these
+            are taken as they are.
     """
 
     ways: tuple[Way, ...]
     changes: FloatArray
+    starts: Starts | None = None
 
     @classmethod
     def none(cls, shape: tuple[int, ...]) -> NumericalError:
@@ -68,6 +74,17 @@ class NumericalError:
         )
         return cls(tuple(others), changes) if np.isfinite(changes).all() else cls.none(own.shape)
 
+    def beside(self, starts: Starts) -> NumericalError:
+        """This error, where errors in starting states are taken out, too."""
+        changes = self.changes.copy()
+        starts.free(changes)
+        return replace(self, changes=changes, starts=starts)
+
+    def free(self, residuals: NDArray[_Float]) -> None:
+        """Takes out of (n, rows, n_scored) residuals, or changes of them, what starts can make."""
+        if self.starts is not None:
+            self.starts.free(residuals)
+
     @property
     def of_the_timestep(self) -> FloatArray:
         """(k, rows, n_scored) those changes that come of how it is integrated."""
@@ -85,7 +102,7 @@ class NumericalError:
         """Adds the best multiples of the changes to each (rows, n_scored) residual, in place.
 
         Args:
-            residual: (n, rows, n_scored), NaN for what diverged.
+            residual: (n, rows, n_scored), freed of what starts can make; NaN for what diverged.
             weights: (n, n_scored) by which the channels decide on the factors.
 
         Returns:
@@ -111,8 +128,8 @@ class NumericalError:
         that behind.
 
         Args:
-            residual: (rows, n_scored).
-            moved: (n, rows, n_scored) changes of it, written to.
+            residual: (rows, n_scored), freed of what starts can make.
+            moved: (n, rows, n_scored) changes of it, as much freed, written to.
             weights: (n_scored,) as for `take_out`.
         """
         at = residual[None].copy()

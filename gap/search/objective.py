@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.numerical_error import NumericalError, Way
+from walkerkit.gap.search.starts import Starts, start_errors
 from walkerkit.gap.search.structure import Case, Fit
 from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
@@ -32,6 +33,7 @@ _REMEMBERED = 4  # values at which the numerical error is known
 _COARSE = 6  # times the floor; changes by more, of a finer timestep, a still finer one tells better
 _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
 _LEAST_FLOOR = 1e-9  # of logs without any noise
+_PASSES = 3  # of freeing a gap of errors of its starts, and finding what is left of it
 _BLOCK = 0.5  # s; longer than the memory of a joint's error
 
 
@@ -63,6 +65,8 @@ class Objective:
         scored: channels that count; the others are only simulated.
         floor: (n_scored,) gap below which nothing is gained, in each channel's unit.
         n_threads: threads of the simulation, 0 for all cores.
+        free_starts: segments start from a state that is only as good as its measurement; residuals
+            are freed of its error, too, which `refine` finds.
 
     Attributes:
         numerical: the numerical error that is taken out of residuals; none until `refine` finds it.
@@ -75,9 +79,11 @@ class Objective:
         floor: FloatArray,
         *,
         n_threads: int = 1,
+        free_starts: bool = False,
     ):
         self.replays = tuple(replays)
         self.n_threads = n_threads
+        self._free_starts = free_starts
         self.channels = tuple(scored)
         self.floor = np.maximum(floor, _LEAST_FLOOR)
         self._columns = [replays[0].channels.index(channel) for channel in scored]
@@ -114,9 +120,37 @@ class Objective:
                 return True
         return False
 
-    def _learn(self, case: Case, own: FloatArray, others: Mapping[Way, FloatArray]) -> None:
-        """Takes the numerical error from some residuals, as `NumericalError.of` does."""
-        self.numerical = NumericalError.of(own, others)
+    def _started(self, case: Case) -> Case | None:
+        """A row of values from starts that are off by what the measurement leaves open."""
+        if not self._free_starts:
+            return None
+        joints = [c.joint for c in self.channels if c.signal == "position"]
+        values = np.repeat(case.values, 2 * len(joints), axis=0)
+        return replace(case, values=values, start_errors=start_errors(joints))
+
+    def _learn(
+        self,
+        case: Case,
+        own: FloatArray,
+        others: Mapping[Way, FloatArray],
+        started: FloatArray | None,
+    ) -> None:
+        """Takes the numerical error from some residuals, and that of starts.
+
+        Args:
+            case: one row of values.
+            own: (rows, n_scored) as simulated.
+            others: as `NumericalError.of` has them.
+            started: (k, rows, n_scored) from other starts, or None.
+        """
+        self.numerical = error = NumericalError.of(own, others)
+        if started is not None and np.isfinite(started).all():
+            for _ in range(_PASSES):
+                left = own[None].copy()
+                self.take_out_numerical_error(left)
+                variance = self.mean_square(left[0]) + self.floor**2
+                starts = Starts(*self._segments, started - own, variance)
+                self.numerical = error.beside(starts)
         self._refined.append((case.structure.key, case.values[0], self.numerical))
 
     def moves(self, only: Sequence[int | None]) -> Moves:
@@ -147,6 +181,16 @@ class Objective:
         """(rows,) index of the stretch of about half a second that a row belongs to."""
         return _blocks(self.replays)
 
+    @cached_property
+    def _segments(self) -> tuple[list[slice], FloatArray]:
+        """Rows of every segment, and how long it is [s]."""
+        spans: list[slice] = []
+        for one in self.replays:
+            for count in np.bincount(one.segment_of_row):
+                first = spans[-1].stop if spans else 0
+                spans.append(slice(first, first + int(count)))
+        return spans, np.array([s.duration for one in self.replays for s in one.segments])
+
     @property
     def steps(self) -> int:
         """Simulation steps of one evaluation."""
@@ -165,9 +209,15 @@ class Objective:
         """As `residuals`, with the numerical error in them."""
         return _per_case(self._as_simulated(cases), cases)
 
+    def freed(self, cases: Sequence[Case]) -> list[FloatArray]:
+        """As `simulated`, freed of what errors in the starting states make."""
+        residual = self._as_simulated(cases)
+        self.numerical.free(residual)
+        return _per_case(residual, cases)
+
     def factor(self, way: Way, case: Case) -> float:
         """How much of what another way changes suits one row of values best; 0 where unknown."""
-        residual = self.simulated([case])[0]
+        residual = self.freed([case])[0]
         factors = self.numerical.take_out(residual, self._numerical_weights(residual))[0]
         return float(factors[self.numerical.ways.index(way)]) if way in self.numerical.ways else 0.0
 
@@ -200,8 +250,11 @@ class Objective:
 
     def corrected(self, residual: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A residual, (rows, n_scored), and changes of it, without their numerical error."""
-        (weights,) = self._numerical_weights(residual[None])
-        return self.numerical.take_out_along(residual, changes, weights)
+        at = residual[None].copy()
+        self.numerical.free(at)
+        self.numerical.free(changes)
+        (weights,) = self._numerical_weights(at)
+        return self.numerical.take_out_along(at[0], changes, weights)
 
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
         """(n of all cases, rows, n_scored) residuals with their numerical error."""
@@ -227,6 +280,7 @@ class Objective:
 
     def take_out_numerical_error(self, residual: FloatArray) -> None:
         """Takes it out of (n, rows, n_scored) residuals as simulated."""
+        self.numerical.free(residual)
         if len(self.numerical.changes):
             self.numerical.take_out(residual, self._numerical_weights(residual))
 
@@ -308,26 +362,25 @@ def refine(
         if not one._remembers(case):
             # What was wanted the last time is asked for at once, to be done side by side.
             asked = [way for way in finer if one._coarse or way != "quarter"]
-            unknown.append((one, finer, case, own if k == 0 else None, asked))
-    found = iter(
-        _each_simulated(
-            [
-                (each, [case])
-                for one, finer, case, known, asked in unknown
-                for each in (*([one] if known is None else []), *(finer[way] for way in asked))
+            known, started = own if k == 0 else None, one._started(case)
+            simulations = [
+                *([(one, [case])] if known is None else []),
+                *((finer[way], [case]) for way in asked),
+                *([(one, [started])] if started is not None else []),
             ]
-        )
-    )
-    for one, finer, case, known, asked in unknown:
+            unknown.append((one, finer, case, known, asked, started, simulations))
+    found = iter(_each_simulated([each for *_, simulations in unknown for each in simulations]))
+    for one, finer, case, known, asked, started, _ in unknown:
         coarse = next(found)[0] if known is None else known
         others = {way: next(found)[0] for way in asked}
+        from_others = None if started is None else next(found)
         changed = np.sqrt(one.mean_square(others["half"] - coarse))
         one._coarse = bool((changed > _COARSE * one.floor).any())
         if not one._coarse:
             others.pop("quarter", None)
         elif "quarter" in finer and "quarter" not in others:
             others["quarter"] = finer["quarter"].simulated([case])[0][0]
-        one._learn(case, coarse, others)
+        one._learn(case, coarse, others, from_others)
 
 
 def residuals_of(
@@ -361,8 +414,7 @@ def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[
         return []
     pairs = [(replay, cases) for one, cases in wanted for replay in one.replays]
     trials = [
-        Trials.joined([case.structure.trials(replay.robot, case.values) for case in cases])
-        for replay, cases in pairs
+        Trials.joined([case.trials(replay.robot) for case in cases]) for replay, cases in pairs
     ]
     n_threads = wanted[0][0].n_threads
     predicted = iter(predict_together([replay for replay, _ in pairs], trials, n_threads))

@@ -206,7 +206,13 @@ def build(
         )
 
     def objective(simulated: Sequence[Replay]) -> Objective:
-        return Objective(simulated, scored, _FLOOR * floor, n_threads=n_threads)
+        return Objective(
+            simulated,
+            scored,
+            _FLOOR * floor,
+            n_threads=n_threads,
+            free_starts=window is not None and not any(robot.base for robot in sized),
+        )
 
     def half(
         recordings: Sequence[Sequence[Recording]],

@@ -287,7 +287,7 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     """
     objective = half.objective
     own = current.case
-    (simulated,) = objective.simulated([own])[0]
+    (simulated,) = objective.freed([own])[0]
     slopes = linearised(objective, current)
     felt = slopes.jacobian[np.square(slopes.jacobian).sum(axis=(1, 2)) > 0]
     nuisance = np.concatenate([felt, objective.numerical.changes])
@@ -339,7 +339,7 @@ def _hopeful(
     of_joint = np.array([[joint == own for own in joints] for joint in dict.fromkeys(joints)])
     promised: dict[int, FloatArray] = {}
     for group in objective.grouped(cases):
-        for k, block in zip(several[group], objective.simulated(cases[group]), strict=True):
+        for k, block in zip(several[group], objective.freed(cases[group]), strict=True):
             promised[k] = _promises(objective, residual, (block - simulated).astype(np.float32))
     # What one joint lacks is not to drown in what the others would take of their noise.
     most = {k: _largest(one @ of_joint.T) for k, one in promised.items()}
@@ -447,14 +447,14 @@ def _simulate(
     cases = [one.case(current, own.row) for one, own in zip(tries, moves, strict=True)]
     found = []
     for group in objective.grouped(cases):
-        blocks = objective.simulated(cases[group])
+        blocks = objective.freed(cases[group])
         for one, own, block in zip(tries[group], moves[group], blocks, strict=True):
             changes: Single = own.apart((block - simulated).astype(np.float32))
             failed = ~np.isfinite(changes).all(axis=(1, 2))
             if failed.any() and len(block) < len(changes):  # one may have taken others with it
                 alone = one.case(current, np.arange(len(changes)))
                 alone = replace(alone, values=alone.values[failed])
-                changes[failed] = objective.simulated([alone])[0] - simulated
+                changes[failed] = objective.freed([alone])[0] - simulated
                 failed = ~np.isfinite(changes).all(axis=(1, 2))
             fine = np.flatnonzero(~failed & (changes != 0).any(axis=(1, 2)))
             found.append(

@@ -6,8 +6,8 @@ trials = structure.trials(robot, values)      # values (n, n_parameters)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -247,10 +247,19 @@ class Case:
     Attributes:
         structure: the structure.
         values: (n, n_parameters).
+        start_errors: joint to (n, 2) as `Trials` has them; none by default.
     """
 
     structure: Structure
     values: FloatArray
+    start_errors: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def trials(self, robot: Robot) -> Trials:
+        """The variants of a robot that the values make."""
+        trials = self.structure.trials(robot, self.values)
+        for joint, errors in self.start_errors.items():
+            trials.start_errors[joint] += errors
+        return trials
 
 
 @dataclass(frozen=True, kw_only=True)

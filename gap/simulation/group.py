@@ -182,8 +182,13 @@ class Group:
                 found |= (effort <= lower) | (effort >= upper)
         return found
 
-    def initial_state(self, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Measured states at each segment's start, shifted by (n, n_segments, n_joints) [s]."""
+    def initial_state(self, shift: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Measured states at each segment's start, each (n, n_segments, n_joints).
+
+        Args:
+            shift: (n, n_segments, n_joints) by which it is shifted [s].
+            off: (n, n_joints, 2) by which positions and velocities are off, in their errors.
+        """
         variants = shift[:1] if (shift == shift[:1]).all() else shift
         qpos = np.empty(variants.shape)
         qvel = np.empty_like(qpos)
@@ -194,6 +199,14 @@ class Group:
                 q, v = state.at(segment.start + variants[:, s, k])
                 which = slice(None) if alike else k
                 qpos[:, s, which], qvel[:, s, which] = q[:, which], v[:, which]
+        if off.any():
+            errors = [
+                self.states[id(one.recording)].errors_at(np.array([one.start]))
+                for one in self.segments
+            ]
+            of_qpos, of_qvel = (np.concatenate(part) for part in zip(*errors, strict=True))
+            qpos = qpos + off[:, None, :, 0] * of_qpos
+            qvel = qvel + off[:, None, :, 1] * of_qvel
         return np.broadcast_to(qpos, shift.shape), np.broadcast_to(qvel, shift.shape)
 
 

@@ -196,7 +196,8 @@ class Replay:
         steps = group.steps + round(lead.max() / step) + int(np.ceil(max(early, 0) / step - 1e-9))
 
         later = (behind - lead[..., None]) / rate  # than a segment's first sample it starts
-        first_shown = group.initial_state(later)
+        off = np.stack([trials.start_errors[name] for name in group.joints], axis=1)
+        first_shown = group.initial_state(later, off)
         readings = [_reading(trials, name) for name in group.joints]
         first = [
             reading.joint(first_shown[0][..., [k]], first_shown[1][..., [k]])

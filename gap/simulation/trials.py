@@ -45,6 +45,8 @@ class Trials:
             t (1 + ε) [1].
         load_side: joint to (n,) how much of its play lies before the encoder that is logged and
             fed back [1].
+        start_errors: joint to (n, 2) how far a segment starts from its measured position and
+            velocity, in standard deviations of these [1].
         fields: model field to its (n, *shape) values, of the fields that were asked for.
         laws: drivetrain law, joint and parameter to its (n,) values, of the laws asked for.
         plays: joint and number to its (n,) values, of the joints whose play was asked for.
@@ -65,6 +67,7 @@ class Trials:
         }
         self.clock_skew = {j: np.full(n, known[j].clock_skew) for j in known}
         self.load_side = {j: np.full(n, known[j].load_side) for j in known}
+        self.start_errors = {j: np.zeros((n, 2)) for j in known}
         self.fields: dict[str, NDArray[Any]] = {}
         self.laws: dict[tuple[type[DrivetrainLaw], str, str], FloatArray] = {
             (LAWS[law], joint, name): np.full(n, value)
@@ -169,6 +172,7 @@ class Trials:
             self.position_error,
             self.clock_skew,
             self.load_side,
+            self.start_errors,
             self.fields,
             self.laws,
             self.plays,

@@ -65,3 +65,16 @@ def test_short_logs_have_slopes_too() -> None:
         time = TIME[:count]
         found = Smoothed(time, (2 * time)[None], np.array([STD]))
         np.testing.assert_allclose(found.slopes, 2.0)
+
+
+@pytest.mark.parametrize("pace", [1.0, 6.0, 25.0])
+def test_errors_are_as_large_as_they_are_told(pace: float) -> None:
+    """By noise alone, and where the motion is so fast that a fit lags behind it."""
+    true, slope = np.sin(pace * TIME), pace * np.cos(pace * TIME)
+    noisy = (true + STD * np.random.default_rng(1).standard_normal(len(true)))[None]
+    smoothed = Smoothed(TIME, noisy, np.array([STD]))
+    of_values, of_slopes = (each[40:-40, 0] for each in smoothed.errors_at(TIME))
+    off, off_slope = smoothed.values[0] - true, smoothed.slopes[0] - slope
+    assert np.mean(np.abs(off_slope[40:-40]) > 3 * of_slopes) < 0.02
+    assert rms(of_slopes) < 2 * rms(off_slope[40:-40])
+    assert np.mean(np.abs(off[40:-40]) > 3 * of_values) < 0.01
