@@ -1,0 +1,262 @@
+"""What is hidden in which machine; its size is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from benchmarks.native.machine import Bristles, Machine
+from benchmarks.native.robots import ARM, GANTRY, LEG, WHEEL, Robot
+
+Q_QD, ALL = ("position", "velocity"), ("position", "velocity", "effort")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hidden:
+    """A machine, and what of it the workflow is to find.
+
+    Attributes:
+        machine: the machine.
+        value: what a right estimate says; None where the machine's law has other numbers.
+    """
+
+    machine: Machine
+    value: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """A robot, and something that its machine has and its model lacks.
+
+    Attributes:
+        name: of the scenario.
+        robot: the robot.
+        effect: what is hidden by the catalogue's name; empty for nothing.
+        place: its joint or body; empty for the whole robot.
+        make: the machine, of a size that is drawn.
+        signals: what is logged of each joint beside its targets.
+        seconds: length of each of the four experiments.
+    """
+
+    name: str
+    robot: Robot
+    effect: str = ""
+    place: str = ""
+    make: Callable[[np.random.Generator], Hidden] = lambda rng: Hidden(machine=Machine())
+    signals: tuple[str, ...] = ALL
+    seconds: float = 10.0
+
+
+def _changed(
+    field: str, of: str, low: float, high: float, *, part: bool = False
+) -> Callable[[np.random.Generator], Hidden]:
+    """A number of a joint that is larger, or by a part smaller, by what is drawn."""
+
+    def make(rng: np.random.Generator) -> Hidden:
+        more = float(rng.uniform(low, high))
+
+        def change(model: mujoco.MjModel) -> None:
+            values = getattr(model, field)
+            k = model.joint(of).dofadr[0]
+            values[k] = values[k] * (1 - more) if part else values[k] + more
+
+        return Hidden(machine=Machine(change=change), value=more)
+
+    return make
+
+
+def _loaded(body: str, low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+    """More mass of a body, spread as its own is."""
+
+    def make(rng: np.random.Generator) -> Hidden:
+        more = float(rng.uniform(low, high))
+
+        def change(model: mujoco.MjModel) -> None:
+            k = model.body(body).id
+            model.body_inertia[k] *= (model.body_mass[k] + more) / model.body_mass[k]
+            model.body_mass[k] += more
+
+        return Hidden(machine=Machine(change=change), value=more)
+
+    return make
+
+
+def _weaker(actuator: int, low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+    """A motor that makes a part less than is asked of it."""
+
+    def make(rng: np.random.Generator) -> Hidden:
+        less = float(rng.uniform(low, high))
+
+        def change(model: mujoco.MjModel) -> None:
+            model.actuator_gainprm[actuator, 0] *= 1 - less
+
+        return Hidden(machine=Machine(change=change), value=-less)
+
+    return make
+
+
+def _softer(actuator: int, low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+    """A servo whose gain on positions is a part smaller."""
+
+    def make(rng: np.random.Generator) -> Hidden:
+        less = float(rng.uniform(low, high))
+
+        def change(model: mujoco.MjModel) -> None:
+            model.actuator_gainprm[actuator, 0] *= 1 - less
+            model.actuator_biasprm[actuator, 1] *= 1 - less
+
+        return Hidden(machine=Machine(change=change))
+
+    return make
+
+
+def _bristles(
+    joint: str, low: float, high: float, *, stiffness: float, damping: float
+) -> Callable[[np.random.Generator], Hidden]:
+    """Friction with bristles that are stiff enough to be dry friction in a log."""
+
+    def make(rng: np.random.Generator) -> Hidden:
+        size = float(rng.uniform(low, high))
+        forces = {joint: lambda: Bristles(size, stiffness=stiffness, damping=damping)}
+        return Hidden(machine=Machine(forces=forces), value=size)
+
+    return make
+
+
+def _ripple(joint: str, periods: int, low: float, high: float) -> Callable[..., Hidden]:
+    """A torque that goes with the joint's angle, so many times a turn."""
+
+    def make(rng: np.random.Generator) -> Hidden:
+        size, phase = float(rng.uniform(low, high)), float(rng.uniform(-np.pi, np.pi))
+
+        def force(position: float, velocity: float) -> float:
+            return size * float(np.sin(periods * position + phase))
+
+        return Hidden(machine=Machine(forces={joint: lambda: force}), value=size)
+
+    return make
+
+
+def _late(low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+    """Targets that are on their way for a while."""
+
+    def make(rng: np.random.Generator) -> Hidden:
+        delay = float(rng.uniform(low, high))
+        return Hidden(machine=Machine(delay=delay), value=delay)
+
+    return make
+
+
+def _turned(joint: str, low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+    """An encoder with another zero."""
+
+    def make(rng: np.random.Generator) -> Hidden:
+        offset = float(rng.uniform(low, high))
+        return Hidden(machine=Machine(offset={joint: offset}), value=offset)
+
+    return make
+
+
+def _leg(name: str, **kind: object) -> Scenario:
+    return Scenario(name=f"leg: {name}", robot=LEG, signals=Q_QD, seconds=8.0, **kind)  # type: ignore[arg-type]
+
+
+SCENARIOS = (
+    _leg("nothing"),
+    _leg("weak motor", effect="torque_constant", place="knee", make=_weaker(1, 0.1, 0.2)),
+    _leg(
+        "dry friction",
+        effect="coulomb_friction",
+        place="knee",
+        make=_changed("dof_frictionloss", "knee", 0.3, 0.6),
+    ),
+    _leg(
+        "damping",
+        effect="viscous_friction",
+        place="hip",
+        make=_changed("dof_damping", "hip", 0.3, 0.6),
+    ),
+    _leg(
+        "rotor",
+        effect="armature",
+        place="knee",
+        make=_changed("dof_armature", "knee", 0.006, 0.02),
+    ),
+    _leg("cogging", effect="cogging", place="hip", make=_ripple("hip", 12, 0.5, 1.2)),
+    _leg("late commands", effect="command_delay", make=_late(0.003, 0.008)),
+    _leg("encoder", effect="encoder_offset", place="knee", make=_turned("knee", 0.03, 0.08)),
+    _leg("load", effect="payload", place="shank", make=_loaded("shank", 0.2, 0.5)),
+    Scenario(name="wheel: nothing", robot=WHEEL),
+    Scenario(
+        name="wheel: bristles",
+        robot=WHEEL,
+        effect="coulomb_friction",
+        place="axle",
+        make=_bristles("axle", 0.1, 0.25, stiffness=100.0, damping=0.3),
+    ),
+    Scenario(
+        name="wheel: rotor",
+        robot=WHEEL,
+        effect="armature",
+        place="axle",
+        make=_changed("dof_armature", "axle", 0.003, 0.006),
+    ),
+    Scenario(name="gantry: nothing", robot=GANTRY),
+    Scenario(
+        name="gantry: bristles",
+        robot=GANTRY,
+        effect="coulomb_friction",
+        place="z",
+        make=_bristles("z", 6.0, 12.0, stiffness=3e4, damping=60.0),
+    ),
+    Scenario(
+        name="gantry: load",
+        robot=GANTRY,
+        effect="payload",
+        place="column",
+        make=_loaded("column", 0.3, 0.7),
+    ),
+    Scenario(
+        name="gantry: soft servo",
+        robot=GANTRY,
+        effect="position_gain",
+        place="z",
+        make=_softer(1, 0.2, 0.3),
+    ),
+    Scenario(
+        name="gantry: damping",
+        robot=GANTRY,
+        effect="viscous_friction",
+        place="x",
+        make=_changed("dof_damping", "x", 15.0, 30.0),
+        signals=("position",),
+    ),
+    Scenario(name="arm: nothing", robot=ARM, seconds=8.0),
+    Scenario(
+        name="arm: bristles",
+        robot=ARM,
+        effect="coulomb_friction",
+        place="j2",
+        make=_bristles("j2", 2.0, 4.0, stiffness=3000.0, damping=20.0),
+        seconds=8.0,
+    ),
+    Scenario(
+        name="arm: load",
+        robot=ARM,
+        effect="payload",
+        place="hand",
+        make=_loaded("hand", 0.3, 0.7),
+        seconds=8.0,
+    ),
+    Scenario(
+        name="arm: rotor",
+        robot=ARM,
+        effect="armature",
+        place="j4",
+        make=_changed("dof_armature", "j4", 0.004, 0.008),
+        seconds=8.0,
+    ),
+)
