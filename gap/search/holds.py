@@ -67,7 +67,9 @@ def name_with_best_hold(
         found = {term.effect.name for term in other_rounds[-1].fit.structure.terms}
         # Of the next row and late by as much is held, which the first search did not get right.
         undone = other.hold == "next" and not found.isdisjoint(_LATE)
-        if _score(other, other_rounds) < score - _MARGIN and not undone:
+        better = _score(other, other_rounds) < score - _MARGIN
+        # A timestep's own error, as it is taken out, may favour either.
+        if better and not undone and _told(other, other_rounds) < _told(problem, rounds):
             return other, other_rounds
     return problem, rounds
 
@@ -83,6 +85,12 @@ def _score(problem: Problem, rounds: Sequence[Round]) -> float:
     """How well what was named explains the recordings, in the light of its own numerical error."""
     problem.refine(rounds[-1].fit)
     return float(weigh(problem, [rounds[-1].fit]).both[0])
+
+
+def _told(problem: Problem, rounds: Sequence[Round]) -> float:
+    """How well what was named explains the recordings as the gap is told, by the model's steps."""
+    (mean_square,) = problem.told.as_it_is([rounds[-1].fit.case])[0]
+    return float(problem.told.score(mean_square))
 
 
 def _flexible_score(problem: Problem, named: Fit) -> float:
