@@ -26,8 +26,10 @@ from benchmarks.native.machine import log
 from benchmarks.native.scenarios import SCENARIOS, Scenario
 from walkerkit import gap
 from walkerkit.gap.effects import EVERYWHERE
+from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.fleet import engine as engines
 from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
+from walkerkit.gap.simulation.robot import load_robot
 
 DRAWS = 2
 QUICK = ("leg: nothing", "leg: late commands", "wheel: bristles", "gantry: load")
@@ -48,6 +50,8 @@ class Found:
         names: what was named first, and what that cannot be told from; none for nothing.
         place: whether the first name is at the hidden effect's joint or body, and nowhere else.
         sure: names stated for sure.
+        sure_and_wrong: whether one of these neither is the hidden effect nor leaves the same log as
+            that, whatever is commanded, as the catalogue documents.
         error: of the first name's value, relative; None where it has none to hold it against.
         gap: before and after, held out.
         seconds: wall time of the diagnosis.
@@ -59,6 +63,7 @@ class Found:
     names: tuple[str, ...]
     place: bool
     sure: tuple[str, ...]
+    sure_and_wrong: bool
     error: float | None
     gap: tuple[float, float]
     seconds: float
@@ -67,11 +72,6 @@ class Found:
     def right(self) -> bool:
         """Whether the hidden effect is in the first name's set, or nothing is named of nothing."""
         return self.hidden in self.names if self.hidden else not self.names
-
-    @property
-    def sure_and_wrong(self) -> bool:
-        """Whether a name that is stated for sure is not the hidden effect."""
-        return any(name != self.hidden for name in self.sure)
 
     def __str__(self) -> str:
         mark = "right" if self.right and not self.sure_and_wrong else "WRONG"
@@ -112,14 +112,21 @@ def diagnosed(chosen: tuple[Scenario, int]) -> Found:
         model.write_text(scenario.robot.xml)
         start = time.perf_counter()
         result = gap.diagnose(model, recordings, n_threads=1).diagnosis
+        robot = load_robot(model)
     named = [one for one in result.effects if one.effect != _OWN_STEP]
+    sure = [one for one in named if one.confidence >= _SURE]
+    alike = {
+        one.effect: equivalences(one.effect, scenario.signals, robot=robot, joints=one.joints)
+        for one in sure
+    }
     return Found(
         scenario=f"{scenario.name} ({draw})",
         hidden=scenario.effect,
         verdict=result.verdict,
         names=(named[0].effect, *named[0].indistinguishable_from) if named else (),
         place=bool(named) and _place(named[0]) == (scenario.place or EVERYWHERE),
-        sure=tuple(one.effect for one in named if one.confidence >= _SURE),
+        sure=tuple(alike),
+        sure_and_wrong=any(scenario.effect not in (name, *alike[name]) for name in alike),
         error=_error(scenario, hidden.value, named),
         gap=_gap(result),
         seconds=time.perf_counter() - start,

@@ -27,6 +27,9 @@ class Hidden:
     value: float | None = None
 
 
+_Make = Callable[[np.random.Generator], Hidden]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
     """A robot, and something that its machine has and its model lacks.
@@ -45,30 +48,26 @@ class Scenario:
     robot: Robot
     effect: str = ""
     place: str = ""
-    make: Callable[[np.random.Generator], Hidden] = lambda rng: Hidden(machine=Machine())
+    make: _Make = lambda rng: Hidden(machine=Machine())
     signals: tuple[str, ...] = ALL
     seconds: float = 10.0
 
 
-def _changed(
-    field: str, of: str, low: float, high: float, *, part: bool = False
-) -> Callable[[np.random.Generator], Hidden]:
-    """A number of a joint that is larger, or by a part smaller, by what is drawn."""
+def _changed(field: str, of: str, low: float, high: float) -> _Make:
+    """A number of a joint that is larger by what is drawn."""
 
     def make(rng: np.random.Generator) -> Hidden:
         more = float(rng.uniform(low, high))
 
         def change(model: mujoco.MjModel) -> None:
-            values = getattr(model, field)
-            k = model.joint(of).dofadr[0]
-            values[k] = values[k] * (1 - more) if part else values[k] + more
+            getattr(model, field)[model.joint(of).dofadr[0]] += more
 
         return Hidden(machine=Machine(change=change), value=more)
 
     return make
 
 
-def _loaded(body: str, low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+def _loaded(body: str, low: float, high: float) -> _Make:
     """More mass of a body, spread as its own is."""
 
     def make(rng: np.random.Generator) -> Hidden:
@@ -84,7 +83,7 @@ def _loaded(body: str, low: float, high: float) -> Callable[[np.random.Generator
     return make
 
 
-def _weaker(actuator: int, low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+def _weaker(actuator: int, low: float, high: float) -> _Make:
     """A motor that makes a part less than is asked of it."""
 
     def make(rng: np.random.Generator) -> Hidden:
@@ -98,7 +97,7 @@ def _weaker(actuator: int, low: float, high: float) -> Callable[[np.random.Gener
     return make
 
 
-def _softer(actuator: int, low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+def _softer(actuator: int, low: float, high: float) -> _Make:
     """A servo whose gain on positions is a part smaller."""
 
     def make(rng: np.random.Generator) -> Hidden:
@@ -113,9 +112,7 @@ def _softer(actuator: int, low: float, high: float) -> Callable[[np.random.Gener
     return make
 
 
-def _bristles(
-    joint: str, low: float, high: float, *, stiffness: float, damping: float
-) -> Callable[[np.random.Generator], Hidden]:
+def _bristles(joint: str, low: float, high: float, *, stiffness: float, damping: float) -> _Make:
     """Friction with bristles that are stiff enough to be dry friction in a log."""
 
     def make(rng: np.random.Generator) -> Hidden:
@@ -126,7 +123,7 @@ def _bristles(
     return make
 
 
-def _ripple(joint: str, periods: int, low: float, high: float) -> Callable[..., Hidden]:
+def _ripple(joint: str, periods: int, low: float, high: float) -> _Make:
     """A torque that goes with the joint's angle, so many times a turn."""
 
     def make(rng: np.random.Generator) -> Hidden:
@@ -140,7 +137,7 @@ def _ripple(joint: str, periods: int, low: float, high: float) -> Callable[..., 
     return make
 
 
-def _late(low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+def _late(low: float, high: float) -> _Make:
     """Targets that are on their way for a while."""
 
     def make(rng: np.random.Generator) -> Hidden:
@@ -150,7 +147,7 @@ def _late(low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
     return make
 
 
-def _turned(joint: str, low: float, high: float) -> Callable[[np.random.Generator], Hidden]:
+def _turned(joint: str, low: float, high: float) -> _Make:
     """An encoder with another zero."""
 
     def make(rng: np.random.Generator) -> Hidden:
@@ -160,35 +157,31 @@ def _turned(joint: str, low: float, high: float) -> Callable[[np.random.Generato
     return make
 
 
-def _leg(name: str, **kind: object) -> Scenario:
-    return Scenario(name=f"leg: {name}", robot=LEG, signals=Q_QD, seconds=8.0, **kind)  # type: ignore[arg-type]
-
+_OF_LEG: tuple[tuple[str, str, str, _Make], ...] = (
+    ("weak motor", "torque_constant", "knee", _weaker(1, 0.1, 0.2)),
+    ("dry friction", "coulomb_friction", "knee", _changed("dof_frictionloss", "knee", 0.3, 0.6)),
+    ("damping", "viscous_friction", "hip", _changed("dof_damping", "hip", 0.3, 0.6)),
+    ("rotor", "armature", "knee", _changed("dof_armature", "knee", 0.006, 0.02)),
+    ("cogging", "cogging", "hip", _ripple("hip", 12, 0.5, 1.2)),
+    ("late commands", "command_delay", "", _late(0.003, 0.008)),
+    ("encoder", "encoder_offset", "knee", _turned("knee", 0.03, 0.08)),
+    ("load", "payload", "shank", _loaded("shank", 0.2, 0.5)),
+)
 
 SCENARIOS = (
-    _leg("nothing"),
-    _leg("weak motor", effect="torque_constant", place="knee", make=_weaker(1, 0.1, 0.2)),
-    _leg(
-        "dry friction",
-        effect="coulomb_friction",
-        place="knee",
-        make=_changed("dof_frictionloss", "knee", 0.3, 0.6),
+    Scenario(name="leg: nothing", robot=LEG, signals=Q_QD, seconds=8.0),
+    *(
+        Scenario(
+            name=f"leg: {name}",
+            robot=LEG,
+            effect=effect,
+            place=place,
+            make=make,
+            signals=Q_QD,
+            seconds=8.0,
+        )
+        for name, effect, place, make in _OF_LEG
     ),
-    _leg(
-        "damping",
-        effect="viscous_friction",
-        place="hip",
-        make=_changed("dof_damping", "hip", 0.3, 0.6),
-    ),
-    _leg(
-        "rotor",
-        effect="armature",
-        place="knee",
-        make=_changed("dof_armature", "knee", 0.006, 0.02),
-    ),
-    _leg("cogging", effect="cogging", place="hip", make=_ripple("hip", 12, 0.5, 1.2)),
-    _leg("late commands", effect="command_delay", make=_late(0.003, 0.008)),
-    _leg("encoder", effect="encoder_offset", place="knee", make=_turned("knee", 0.03, 0.08)),
-    _leg("load", effect="payload", place="shank", make=_loaded("shank", 0.2, 0.5)),
     Scenario(name="wheel: nothing", robot=WHEEL),
     Scenario(
         name="wheel: bristles",

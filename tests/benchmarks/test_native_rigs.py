@@ -80,11 +80,12 @@ def test_the_table_counts_what_is_right() -> None:
         names=("armature", "payload"),
         place=True,
         sure=("armature",),
+        sure_and_wrong=False,
         error=0.01,
         gap=(1.0, 0.1),
         seconds=1.0,
     )
-    alarm = replace(right, hidden="")
+    alarm = replace(right, hidden="", sure_and_wrong=True)
     silent = replace(right, names=(), sure=(), error=None, place=False)
     table = {row.what: row.result for row in rows([right, alarm, silent])}
     assert table["hidden effect in the first name's set"] == "1 of 2"
