@@ -26,6 +26,7 @@ from walkerkit.gap.search.worth import close_to, worth_it
 
 _REFITS = 4
 _MOST_RIVALS = 5
+_OF_GAIN = 0.2  # of what an effect takes off a score, by which a rival's race may stop short
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,16 +89,17 @@ def contests(problem: Problem, tries: Tries, current: Fit) -> list[Contest]:
     if not entered:
         return []
     problem.refine(current)
-    objective, least = problem.fit.objective, within_reach(len(problem.channels))
-    every = [one for met in entered for one in met.fits]
+    objective, reach = problem.fit.objective, within_reach(len(problem.channels))
+    every = [one for met in entered for one in (*met.fits, met.alone)]
     fits = evaluate(objective, [(one.structure, one.values) for one in every])
-    firsts = [0, *itertools.accumulate(len(met.fits) for met in entered)]
+    firsts = [0, *itertools.accumulate(len(met.fits) + 1 for met in entered)]
     # Those that come near get what the named one has had: a fit to all recordings.
     near = [
         k
         for first, end in itertools.pairwise(firsts)
-        for k in range(first + 1, end)
-        if fits[k].score - fits[first].score < least
+        for k in range(first + 1, end - 1)
+        if fits[k].score - fits[first].score
+        < max(reach, _OF_GAIN * (fits[end - 1].score - fits[first].score))
     ]
     if near:
         slopes = linearised(objective, fits[0])
@@ -111,17 +113,10 @@ def contests(problem: Problem, tries: Tries, current: Fit) -> list[Contest]:
         )
         for k, one in zip(near, found, strict=True):
             fits[k] = one
-    evidence = weigh(problem, [*fits, *(met.alone for met in entered)])
+    evidence = weigh(problem, fits)
     return [
-        _decided(
-            problem,
-            met,
-            fits[first:end],
-            evidence.some([*range(first, end), len(fits) + k]),
-        )
-        for k, (met, (first, end)) in enumerate(
-            zip(entered, itertools.pairwise(firsts), strict=True)
-        )
+        _decided(problem, met, fits[first : end - 1], evidence.some(range(first, end)))
+        for met, (first, end) in zip(entered, itertools.pairwise(firsts), strict=True)
     ]
 
 
