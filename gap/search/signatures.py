@@ -363,6 +363,8 @@ def _best_magnitudes(
 ) -> list[int]:
     """Indices of the tries that promise most in the channels of their own place, few for each.
 
+    With the best of those that go the other way, where none of them does.
+
     Args:
         tries: the tries.
         promised: (n_magnitudes, n_scored) what each takes off, at all places at once.
@@ -374,8 +376,12 @@ def _best_magnitudes(
         here = [k for k, other in enumerate(tries.places) if other == place]
         own = [joint == place for joint in joints]
         merit = promised[: len(here), own if any(own) else slice(None)].sum(axis=1)
-        best = np.argsort(-np.nan_to_num(merit, nan=np.inf), kind="stable")[:count]
-        kept += [here[k] for k in sorted(best)]
+        order = np.argsort(-np.nan_to_num(merit, nan=np.inf), kind="stable").tolist()
+        best = order[:count]
+        # What the other places change besides may hide which way this one is off.
+        ways = [np.sign(tries.values[k]).tolist() for k in here]
+        opposite = [k for k in order if all(ways[k] == [-s for s in ways[b]] for b in best)]
+        kept += [here[k] for k in sorted([*best, *opposite[:1]])]
     return kept
 
 

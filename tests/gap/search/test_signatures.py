@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
 from tests.gap.search.test_naming import LEG, hide, problem_of
+from tests.gap.search.test_starts import LEG as UNDER_TORQUE
+from tests.gap.search.test_starts import logged
+from walkerkit.gap import steps
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search.fit import evaluate, fit
@@ -97,6 +102,31 @@ def test_a_shared_effect_of_one_joint_is_looked_at_joint_by_joint(seen: Look) ->
     best = view.candidates[int(np.argmin(promised))].term
     assert (best.effect.name, best.sites, best.shared) == ("sensor_delay", ("knee",), False)
     assert len(view.candidates) > len(terms)
+
+
+@pytest.mark.parametrize("joint", ["hip", "knee"])
+@pytest.mark.parametrize("offset", [0.03, 0.07, -0.07])
+def test_one_joint_is_looked_at_both_ways_whatever_the_others_do(
+    tmp_path: Path, joint: str, offset: float
+) -> None:
+    """Under torque, an offset of the hip moves the knee's shank more than the knee's own does."""
+    model = tmp_path / "leg.xml"
+    model.write_text(UNDER_TORQUE)
+    column = f"{joint}/position"
+    recordings = [
+        replace(one, columns={**one.columns, column: one.columns[column] + offset})
+        for one in logged(noise=1e-3)
+    ]
+    problem = steps.load(model, recordings)
+    terms = candidate_terms([CATALOGUE["encoder_offset"]], problem.robots, problem.joints)
+    (nothing,) = evaluate(problem.screen.objective, [(problem.nothing, np.zeros(0))])
+    problem.searched.look_at(nothing.case)
+    problem.screen.refine(nothing)
+    view = look(problem.screen, nothing, terms)
+    (found,) = view.candidates
+    assert list(found.tries) == [joint]
+    assert np.sign(found.tries[joint]) == np.sign(offset)
+    assert view.score - view.promise([0]) > 1.0
 
 
 @pytest.mark.parametrize("seed", range(20))
