@@ -47,7 +47,9 @@ class Evidence:
     @property
     def fitted(self) -> FloatArray:
         """(n_fits,) scores of the recordings that were fitted."""
-        scores: FloatArray = 2 * self.both - self.held
+        scores = np.full_like(self.both, np.inf)  # of what diverged
+        known = np.isfinite(self.both)
+        scores[known] = 2 * self.both[known] - self.held[known]
         return scores
 
     @classmethod

@@ -6,6 +6,7 @@ for a log from a simulation with the same timestep; 1, 0, about 1 and up to 2 fo
 has no such error, if the timesteps are a half and a quarter. So no effect is named for an error
 that a finer step removes, or for how MuJoCo's solver rounds off the dry friction of a model. Nor
 for the order in which a control loop reads efforts and sends targets, which a log does not tell.
+Errors of the states that segments start from are taken out beside it (`starts`).
 """
 
 from __future__ import annotations

@@ -205,13 +205,16 @@ def build(
             if mine
         )
 
+    # The state of a floating base has so many numbers that what each changes would take too long.
+    free_starts = window is not None and not any(robot.base for robot in sized)
+
     def objective(simulated: Sequence[Replay]) -> Objective:
         return Objective(
             simulated,
             scored,
             _FLOOR * floor,
             n_threads=n_threads,
-            free_starts=window is not None and not any(robot.base for robot in sized),
+            free_starts=free_starts,
         )
 
     def half(
