@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.native.machine import Bristles, Machine
 from benchmarks.native.robots import ARM, GANTRY, LEG, WHEEL, Robot
 
-Q_QD, ALL = ("position", "velocity"), ("position", "velocity", "effort")
+ALL = ("position", "velocity", "effort")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,11 +46,11 @@ class Scenario:
 
     name: str
     robot: Robot
-    effect: str = ""
-    place: str = ""
-    make: _Make = lambda rng: Hidden(machine=Machine())
-    signals: tuple[str, ...] = ALL
-    seconds: float = 10.0
+    effect: str
+    place: str
+    make: _Make
+    signals: tuple[str, ...]
+    seconds: float = 8.0
 
 
 def _changed(field: str, of: str, low: float, high: float) -> _Make:
@@ -112,8 +112,9 @@ def _softer(actuator: int, low: float, high: float) -> _Make:
     return make
 
 
-def _bristles(joint: str, low: float, high: float, *, stiffness: float, damping: float) -> _Make:
-    """Friction with bristles that are stiff enough to be dry friction in a log."""
+def _bristles(joint: str, low: float, high: float, bristles: tuple[float, float]) -> _Make:
+    """Friction with bristles, of a stiffness and a damping, that is dry friction in a log."""
+    stiffness, damping = bristles
 
     def make(rng: np.random.Generator) -> Hidden:
         size = float(rng.uniform(low, high))
@@ -157,7 +158,33 @@ def _turned(joint: str, low: float, high: float) -> _Make:
     return make
 
 
-_OF_LEG: tuple[tuple[str, str, str, _Make], ...] = (
+_Row = tuple[str, str, str, _Make]
+
+
+def _scenarios(
+    of: str, robot: Robot, rows: Sequence[_Row], signals: tuple[str, ...] = ALL
+) -> tuple[Scenario, ...]:
+    """Those of a robot, by rows of a name, the effect that is hidden, its place, and its machine."""
+    return tuple(
+        Scenario(
+            name=f"{of}: {name}",
+            robot=robot,
+            effect=effect,
+            place=place,
+            make=make,
+            signals=signals,
+        )
+        for name, effect, place, make in rows
+    )
+
+
+def _nothing(rng: np.random.Generator) -> Hidden:
+    return Hidden(machine=Machine())
+
+
+_NOTHING: _Row = ("nothing", "", "", _nothing)
+_OF_LEG: tuple[_Row, ...] = (
+    _NOTHING,
     ("weak motor", "torque_constant", "knee", _weaker(1, 0.1, 0.2)),
     ("dry friction", "coulomb_friction", "knee", _changed("dof_frictionloss", "knee", 0.3, 0.6)),
     ("damping", "viscous_friction", "hip", _changed("dof_damping", "hip", 0.3, 0.6)),
@@ -167,89 +194,29 @@ _OF_LEG: tuple[tuple[str, str, str, _Make], ...] = (
     ("encoder", "encoder_offset", "knee", _turned("knee", 0.03, 0.08)),
     ("load", "payload", "shank", _loaded("shank", 0.2, 0.5)),
 )
+_OF_WHEEL: tuple[_Row, ...] = (
+    _NOTHING,
+    ("bristles", "coulomb_friction", "axle", _bristles("axle", 0.1, 0.25, (100.0, 0.3))),
+    ("rotor", "armature", "axle", _changed("dof_armature", "axle", 0.003, 0.006)),
+)
+_OF_GANTRY: tuple[_Row, ...] = (
+    _NOTHING,
+    ("bristles", "coulomb_friction", "z", _bristles("z", 6.0, 12.0, (3e4, 60.0))),
+    ("load", "payload", "column", _loaded("column", 0.3, 0.7)),
+    ("soft servo", "position_gain", "z", _softer(1, 0.2, 0.3)),
+)
+_DAMPED: _Row = ("damping", "viscous_friction", "x", _changed("dof_damping", "x", 15.0, 30.0))
+_OF_ARM: tuple[_Row, ...] = (
+    _NOTHING,
+    ("bristles", "coulomb_friction", "j2", _bristles("j2", 2.0, 4.0, (3000.0, 20.0))),
+    ("load", "payload", "hand", _loaded("hand", 0.3, 0.7)),
+    ("rotor", "armature", "j4", _changed("dof_armature", "j4", 0.004, 0.008)),
+)
 
 SCENARIOS = (
-    Scenario(name="leg: nothing", robot=LEG, signals=Q_QD, seconds=8.0),
-    *(
-        Scenario(
-            name=f"leg: {name}",
-            robot=LEG,
-            effect=effect,
-            place=place,
-            make=make,
-            signals=Q_QD,
-            seconds=8.0,
-        )
-        for name, effect, place, make in _OF_LEG
-    ),
-    Scenario(name="wheel: nothing", robot=WHEEL),
-    Scenario(
-        name="wheel: bristles",
-        robot=WHEEL,
-        effect="coulomb_friction",
-        place="axle",
-        make=_bristles("axle", 0.1, 0.25, stiffness=100.0, damping=0.3),
-    ),
-    Scenario(
-        name="wheel: rotor",
-        robot=WHEEL,
-        effect="armature",
-        place="axle",
-        make=_changed("dof_armature", "axle", 0.003, 0.006),
-    ),
-    Scenario(name="gantry: nothing", robot=GANTRY),
-    Scenario(
-        name="gantry: bristles",
-        robot=GANTRY,
-        effect="coulomb_friction",
-        place="z",
-        make=_bristles("z", 6.0, 12.0, stiffness=3e4, damping=60.0),
-    ),
-    Scenario(
-        name="gantry: load",
-        robot=GANTRY,
-        effect="payload",
-        place="column",
-        make=_loaded("column", 0.3, 0.7),
-    ),
-    Scenario(
-        name="gantry: soft servo",
-        robot=GANTRY,
-        effect="position_gain",
-        place="z",
-        make=_softer(1, 0.2, 0.3),
-    ),
-    Scenario(
-        name="gantry: damping",
-        robot=GANTRY,
-        effect="viscous_friction",
-        place="x",
-        make=_changed("dof_damping", "x", 15.0, 30.0),
-        signals=("position",),
-    ),
-    Scenario(name="arm: nothing", robot=ARM, seconds=8.0),
-    Scenario(
-        name="arm: bristles",
-        robot=ARM,
-        effect="coulomb_friction",
-        place="j2",
-        make=_bristles("j2", 2.0, 4.0, stiffness=3000.0, damping=20.0),
-        seconds=8.0,
-    ),
-    Scenario(
-        name="arm: load",
-        robot=ARM,
-        effect="payload",
-        place="hand",
-        make=_loaded("hand", 0.3, 0.7),
-        seconds=8.0,
-    ),
-    Scenario(
-        name="arm: rotor",
-        robot=ARM,
-        effect="armature",
-        place="j4",
-        make=_changed("dof_armature", "j4", 0.004, 0.008),
-        seconds=8.0,
-    ),
+    *_scenarios("leg", LEG, _OF_LEG, ("position", "velocity")),
+    *_scenarios("wheel", WHEEL, _OF_WHEEL),
+    *_scenarios("gantry", GANTRY, _OF_GANTRY),
+    *_scenarios("gantry", GANTRY, (_DAMPED,), ("position",)),
+    *_scenarios("arm", ARM, _OF_ARM),
 )
