@@ -164,7 +164,7 @@ _Row = tuple[str, str, str, _Make]
 def _scenarios(
     of: str, robot: Robot, rows: Sequence[_Row], signals: tuple[str, ...] = ALL
 ) -> tuple[Scenario, ...]:
-    """Those of a robot, by rows of a name, the effect that is hidden, its place, and its machine."""
+    """Those of a robot, by rows of a name, the hidden effect, its place, and its machine."""
     return tuple(
         Scenario(
             name=f"{of}: {name}",
