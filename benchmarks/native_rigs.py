@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from walkerkit import gap
 from walkerkit.gap.effects import EVERYWHERE
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.fleet import engine as engines
-from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
+from walkerkit.gap.report.diagnosis import NamedEffect
 from walkerkit.gap.simulation.robot import load_robot
 
 DRAWS = 2
@@ -110,7 +109,6 @@ def diagnosed(chosen: tuple[Scenario, int]) -> Found:
     with tempfile.TemporaryDirectory() as folder:
         model = Path(folder) / "model.xml"
         model.write_text(scenario.robot.xml)
-        start = time.perf_counter()
         result = gap.diagnose(model, recordings, n_threads=1).diagnosis
         robot = load_robot(model)
     named = [one for one in result.effects if one.effect != _OWN_STEP]
@@ -128,8 +126,8 @@ def diagnosed(chosen: tuple[Scenario, int]) -> Found:
         sure=tuple(alike),
         sure_and_wrong=any(scenario.effect not in (name, *alike[name]) for name in alike),
         error=_error(scenario, hidden.value, named),
-        gap=_gap(result),
-        seconds=time.perf_counter() - start,
+        gap=(result.gap.position.before, result.gap.position.after),
+        seconds=result.seconds,
     )
 
 
@@ -143,10 +141,6 @@ def _error(scenario: Scenario, true: float | None, named: Sequence[NamedEffect])
         return None
     there = [one for one in named[0].parameters if one.place in (scenario.place, EVERYWHERE)]
     return abs(there[0].value - true) / abs(true) if there else None
-
-
-def _gap(result: Diagnosis) -> tuple[float, float]:
-    return result.gap.position.before, result.gap.position.after
 
 
 def rows(every: Sequence[Found]) -> list[Row]:

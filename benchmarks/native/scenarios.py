@@ -83,31 +83,18 @@ def _loaded(body: str, low: float, high: float) -> _Make:
     return make
 
 
-def _weaker(actuator: int, low: float, high: float) -> _Make:
-    """A motor that makes a part less than is asked of it."""
+def _weaker(actuator: int, low: float, high: float, *, servo: bool = False) -> _Make:
+    """A motor that makes a part less than is asked of it, or a servo whose gain is a part less."""
 
     def make(rng: np.random.Generator) -> Hidden:
         less = float(rng.uniform(low, high))
 
         def change(model: mujoco.MjModel) -> None:
             model.actuator_gainprm[actuator, 0] *= 1 - less
+            if servo:
+                model.actuator_biasprm[actuator, 1] *= 1 - less
 
-        return Hidden(machine=Machine(change=change), value=-less)
-
-    return make
-
-
-def _softer(actuator: int, low: float, high: float) -> _Make:
-    """A servo whose gain on positions is a part smaller."""
-
-    def make(rng: np.random.Generator) -> Hidden:
-        less = float(rng.uniform(low, high))
-
-        def change(model: mujoco.MjModel) -> None:
-            model.actuator_gainprm[actuator, 0] *= 1 - less
-            model.actuator_biasprm[actuator, 1] *= 1 - less
-
-        return Hidden(machine=Machine(change=change))
+        return Hidden(machine=Machine(change=change), value=None if servo else -less)
 
     return make
 
@@ -203,7 +190,7 @@ _OF_GANTRY: tuple[_Row, ...] = (
     _NOTHING,
     ("bristles", "coulomb_friction", "z", _bristles("z", 6.0, 12.0, (3e4, 60.0))),
     ("load", "payload", "column", _loaded("column", 0.3, 0.7)),
-    ("soft servo", "position_gain", "z", _softer(1, 0.2, 0.3)),
+    ("soft servo", "position_gain", "z", _weaker(1, 0.2, 0.3, servo=True)),
 )
 _DAMPED: _Row = ("damping", "viscous_friction", "x", _changed("dof_damping", "x", 15.0, 30.0))
 _OF_ARM: tuple[_Row, ...] = (

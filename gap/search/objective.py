@@ -145,11 +145,12 @@ class Objective:
         """
         self.numerical = error = NumericalError.of(own, others)
         if started is not None and np.isfinite(started).all():
+            changes = started - own
             for _ in range(_PASSES):
                 left = own[None].copy()
                 self.take_out_numerical_error(left)
                 variance = self.mean_square(left[0]) + self.floor**2
-                starts = Starts(*self._segments, started - own, variance)
+                starts = Starts(*self._segments, changes, variance)
                 self.numerical = error.beside(starts)
         self._refined.append((case.structure.key, case.values[0], self.numerical))
 
