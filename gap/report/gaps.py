@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 _CLEARLY = 4.0  # a gap over the timestep's own error that this cannot be taken for
 _AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
+_JOINT_AT_FLOOR = 2.0  # the same of one joint among others
 _MOSTLY = 0.5  # of the way to its floor, which an explained gap has gone
 
 
@@ -65,6 +66,7 @@ class Gap:
             rollouts.
         finer_position: over all joints at a quarter of the timestep, where that matters more than
             the noise; its numerical floor is what even this timestep leaves.
+        finer_joints: joint to the same of it alone.
         held_out: whether it was measured on recordings that no fit has seen.
         joints: joint to its position gap.
         signals: signal to its gap over all joints.
@@ -79,6 +81,7 @@ class Gap:
     held_out: bool
     joints: Mapping[str, GapSize]
     signals: Mapping[str, GapSize]
+    finer_joints: Mapping[str, GapSize] = field(default_factory=dict)
     scored: tuple[str, ...] = ("position",)
     drier: bool = False
 
@@ -89,9 +92,17 @@ class Gap:
 
     @property
     def position_at_floor(self) -> bool:
-        """Whether no gap of the position is left, or none at a quarter of the timestep."""
+        """Whether no joint's position has a gap left, or none has at a quarter of the timestep."""
+        if self.position.at_floor and not _standing_out(self.joints):
+            return True
         finer = self.finer_position
-        return self.position.at_floor or (finer is not None and finer.at_floor)
+        return finer is not None and finer.at_floor and not _standing_out(self.finer_joints)
+
+    @property
+    def hidden_joints(self) -> tuple[str, ...]:
+        """Joints whose gap does not show in that of all, which is at its floor; largest first."""
+        at_floor = self.position.at_floor and not self.position_at_floor
+        return _standing_out(self.joints) if at_floor else ()
 
     @property
     def clear(self) -> float:
@@ -104,6 +115,15 @@ class Gap:
         if finer is None or finer.at_floor or replace(size, numerical_floor=0.0).at_floor:
             return 1.0
         return min(max(math.log(size.before / size.numerical_floor, _CLEARLY), 0.0), 1.0)
+
+
+def _standing_out(joints: Mapping[str, GapSize]) -> tuple[str, ...]:
+    """Joints whose own gap is far above their own floor, by how far.
+
+    Many others that are at theirs hide it in the gap of all, as does one of another unit.
+    """
+    far = {name: size.after / size.floor for name, size in joints.items() if size.floor > 0}
+    return tuple(sorted((n for n in far if far[n] > _JOINT_AT_FLOOR), key=lambda n: -far[n]))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -51,6 +51,7 @@ def gap_map(
     residuals: Sequence[FloatArray],
     joints: Sequence[str],
     signal: str = "position",
+    per: Mapping[str, float] | None = None,
 ) -> tuple[Location, ...]:
     """The gap of one signal in every regime of every joint.
 
@@ -60,6 +61,8 @@ def gap_map(
         residuals: of each replay, (rows, n_channels) simulated minus measured.
         joints: names of the joints.
         signal: whose gap; joints that never logged it are left out.
+        per: joint to what its gap is counted in for shares and lifts, where they have several
+            units; their own by default.
 
     Returns:
         Joint by joint, regimes that occur; empty where there is no gap at all.
@@ -78,7 +81,8 @@ def gap_map(
                 key = joint, name
                 squares[key] = squares.get(key, 0.0) + float(error[rows] @ error[rows])
                 samples[key] = samples.get(key, 0) + int((measured & rows).sum())
-    total_square = sum(size for (_, name), size in squares.items() if name == EVERYWHERE)
+    of = {joint: (per or {}).get(joint, 1.0) ** -2 for joint in joints}
+    total_square = sum(of[j] * size for (j, name), size in squares.items() if name == EVERYWHERE)
     total_samples = sum(count for (_, name), count in samples.items() if name == EVERYWHERE)
     if total_square == 0:
         return ()
@@ -86,8 +90,8 @@ def gap_map(
         Location(
             joint=joint,
             regime=regime,
-            share=square / total_square,
-            lift=square / total_square / (samples[joint, regime] / total_samples),
+            share=of[joint] * square / total_square,
+            lift=of[joint] * square / total_square / (samples[joint, regime] / total_samples),
             rms=float(np.sqrt(square / samples[joint, regime])),
         )
         for (joint, regime), square in squares.items()

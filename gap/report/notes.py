@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from walkerkit.gap.effects import CATALOGUE
@@ -54,6 +55,15 @@ def notes(
     wholes = {recording.whole.name for recording in seen.values()}
     for error in named_errors([*seen.values()]):
         yield error.sentence(wholes <= {*error.recordings})
+    if math.isnan(gap.position.before):
+        steps = " and ".join(
+            f"{robot.source} at its timestep of {robot.model.opt.timestep:g} s"
+            for robot in problem.robots
+        )
+        yield (
+            f"The simulation diverges with the model as it was given: {steps}. Give it a shorter "
+            'timestep or integrator="implicitfast": no effect can be seen before.'
+        )
     every = {named.effect for named in effects}
     for named in effects:
         yield from _of_effect(named)

@@ -29,6 +29,7 @@ FloatArray = NDArray[np.float64]
 _QUARTER = 4  # of the timestep, at which the numerical floor is taken
 _DRAWS = 6  # of the noise of restarts
 _LONGEST_TRACE = 20000  # samples
+_AND = " and "  # between units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,21 +95,29 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
 
     signals = dict.fromkeys(c.quantity for c in channels)
     position = size(positions)
-    finer_position = None
+    joints = {c.joint: size([c]) for c in positions}
+    finer_position, finer_joints = None, {}
     # The timestep's error is the same each time, where that of restarts comes by chance.
     if position.numerical_floor > own_noise(positions):
-        finer_position = replace(
-            position,
-            before=(finer if after is before else _finer(problem, before, drier)).rms(positions),
-            after=finer.rms(positions),
-            numerical_floor=position.numerical_floor / (_QUARTER - 1),
-        )
+        finer_before = finer if after is before else _finer(problem, before, drier)
+
+        def at_finer(coarse: GapSize, chosen: Sequence[Channel]) -> GapSize:
+            return replace(
+                coarse,
+                before=finer_before.rms(chosen),
+                after=finer.rms(chosen),
+                numerical_floor=coarse.numerical_floor / (_QUARTER - 1),
+            )
+
+        finer_position = at_finer(position, positions)
+        finer_joints = {c.joint: at_finer(joints[c.joint], [c]) for c in positions}
     return Gap(
         position=position,
         horizon=problem.window,
         finer_position=finer_position,
         held_out=True,
-        joints={c.joint: size([c]) for c in positions},
+        finer_joints=finer_joints,
+        joints=joints,
         signals={name: size([c for c in channels if c.quantity == name]) for name in signals},
         scored=tuple(dict.fromkeys(c.quantity for c in problem.channels)),
         drier=drier,
@@ -150,8 +159,11 @@ def gap_maps(
     for signal in ("position", "effort"):
         channels = [c for c in replays[0].channels if c.signal == signal]
         if channels:
-            old, new = (gap_map(masks, replays, r, problem.joints, signal) for r in residuals)
             unit = unit_of(problem, channels)
+            # A radian and a meter are not alike; how far above their noise they are, is.
+            noise = {c.joint: channel_noise(problem.recordings, c).std for c in channels}
+            per = noise if _AND in unit else None
+            old, new = (gap_map(masks, replays, r, problem.joints, signal, per) for r in residuals)
             found.append(GapMap(signal=signal, unit=unit, before=old, after=new))
     return tuple(found)
 
@@ -215,7 +227,7 @@ def unit_of(problem: Problem, channels: Sequence[Channel]) -> str:
     """The unit of some channels of one signal; both where hinges and slides are among them."""
     joints = problem.robots[0].joints
     slides = {not c.of_base and joints[c.joint].slide for c in channels}
-    return " and ".join(channels[0].unit(slide=slide) for slide in sorted(slides))
+    return _AND.join(channels[0].unit(slide=slide) for slide in sorted(slides))
 
 
 def _nearest(

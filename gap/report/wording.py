@@ -6,6 +6,7 @@ the text in a format of its own (HTML, plotly, rich) escapes it there.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from walkerkit.gap.report.diagnosis import Diagnosis, Estimate, Hint, NamedEffect, NextExperiment
@@ -143,18 +144,21 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if size.after > size.before:
         # Names are judged by stretches; whole rollouts of what is not stable drift apart.
         moved = f"shrinks over short stretches, but is {before} before and {after} after in all"
+    told = f"is {quantity(size.before, size.unit)}"
+    if math.isnan(size.before):
+        told = "is unknown, as the simulation diverges"
+        moved = f"is {after}, and unknown before, as the simulation diverges"
     if diagnosis.verdict == "no_gap":
         coarse = diagnosis.gap.finer_position is not None
         return (
             f"Nothing is missing from the model{' but a finer timestep' if coarse else ''}: "
-            f"{error} is {quantity(size.before, size.unit)}, and {noise}."
+            f"{error} {told}, and {noise}."
         )
     if diagnosis.verdict == "unexplained" or not diagnosis.effects:
         where = spot(diagnosis.locations[0]) if diagnosis.locations else ""
         subject = _nothing_explains(diagnosis)
         return (
-            f"{subject}: {error} is "
-            f"{quantity(size.before, size.unit)}, where {noise}"
+            f"{subject}: {error} {told}, where {noise}{_hidden(diagnosis.gap)}"
             f"{f'. It stands out most at {where}' if where else ''}."
         )
     finer = diagnosis.gap.finer_position
@@ -167,9 +171,19 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     left = "" if complete or not diagnosis.remaining else spot(diagnosis.remaining[0])
     return (
         f"{'The gap' if complete else 'Part of the gap'} is explained by "
-        f"{_found(diagnosis.effects)}: {error} {moved}, where {noise}"
+        f"{_found(diagnosis.effects)}: {error} {moved}, where {noise}{_hidden(diagnosis.gap)}"
         f"{f'. What remains stands out most at {left}' if left else ''}."
     )
+
+
+def _hidden(gap: Gap) -> str:
+    """The joint with the most of a gap that all joints together hide; empty where none does."""
+    if not gap.hidden_joints:
+        return ""
+    joint = gap.hidden_joints[0]
+    size = gap.joints[joint]
+    left, floor = (quantity(one, size.unit) for one in (size.after, size.floor))
+    return f"; at {label(joint)} alone it is {left}, over a floor of {floor}"
 
 
 def _nothing_explains(diagnosis: Diagnosis) -> str:
@@ -331,7 +345,7 @@ def _found(effects: Sequence[NamedEffect]) -> str:
 def _floors(gap: Gap, signal: str, size: GapSize) -> str:
     floor = quantity(size.noise_floor, size.unit)
     noise = f"the noise of the measurement alone would leave {floor}"
-    if size.numerical_floor <= size.noise_floor:
+    if not size.numerical_floor > size.noise_floor:
         return noise
     own = "timestep and soft dry friction" if gap.drier else "timestep"
     return f"{noise} and the {own} of the simulation {quantity(size.numerical_floor, size.unit)}"

@@ -137,6 +137,7 @@ def _simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -
     ]
     objective = problem.held.objective
     before = objective.as_it_is([nothing.case])[0][0]
+    before = np.where(np.isnan(before), np.inf, before)  # a model that diverges
     motion = np.nanstd(objective.measured, axis=0)
     of_position = np.array([channel.signal == "position" for channel in objective.channels])
     least = np.maximum(_FAR_ABOVE * problem.noise, _OF_THE_MOTION * motion)

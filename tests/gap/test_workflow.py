@@ -294,9 +294,22 @@ def test_of_steps_that_are_too_long_nothing_else_is_named(tmp_path: Path) -> Non
     assert [named.effect for named in found.effects] == ["timestep"]
 
 
-def stepped(timestep: float, noise: float) -> list[Recording]:
+def test_a_model_that_diverges_lacks_a_shorter_timestep(tmp_path: Path) -> None:
+    stiff = SERVO.replace('kp="30" kv="1" forcerange="-20 20"', 'kp="300" kv="30"')
+    stiff = stiff.replace(' integrator="implicitfast"', "")
+    unstable = tmp_path / "unstable.xml"
+    unstable.write_text(stiff)
+    found = diagnose(unstable, stepped(5e-4, 1e-4, stiff), effects=["timestep", "armature"])
+    assert math.isnan(found.gap.position.before)
+    assert [named.effect for named in found.effects] == ["timestep"]
+    assert found.verdict == "explained"
+    assert "diverges with the model as it was given: " in found.notes[0]
+    assert "unstable.xml at its timestep of 0.002 s" in found.notes[0]
+
+
+def stepped(timestep: float, noise: float, text: str = SERVO) -> list[Recording]:
     """Logs of MuJoCo's own servo, all of it as in the model, with white noise."""
-    spec = mujoco.MjSpec.from_string(SERVO)
+    spec = mujoco.MjSpec.from_string(text)
     spec.option.timestep = timestep
     model = spec.compile()
     recordings = []

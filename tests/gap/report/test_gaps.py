@@ -41,3 +41,24 @@ def test_how_clearly_a_gap_stands_out_of_the_timestep(
     gap = replace(leg().gap, position=coarse, finer_position=fine)
     assert gap.clear == pytest.approx(clear, abs=0.01)
     assert replace(gap, finer_position=None).clear == 1.0
+
+
+def test_a_gap_of_one_joint_is_not_hidden_by_the_others(leg: LegDiagnosis) -> None:
+    still = GapSize(unit="rad", before=0.001, after=0.001, noise_floor=0.001)
+    moved = replace(still, before=0.0032, after=0.0032)
+    together = replace(still, before=0.0013, after=0.0013)
+    gap = replace(leg().gap, position=together, finer_position=None)
+    few = replace(gap, joints={"hip": still, "knee": replace(still, after=0.0019)})
+    assert few.position_at_floor
+    assert few.hidden_joints == ()
+
+    gap = replace(gap, joints={"hip": still, "knee": moved})
+    assert not gap.position_at_floor
+    assert gap.hidden_joints == ("knee",)
+    # Nothing is left at a finer timestep, or something is.
+    finer = replace(gap, finer_position=still, finer_joints={"hip": still, "knee": still})
+    assert finer.position_at_floor
+    assert finer.hidden_joints == ()
+    assert not replace(finer, finer_joints={"hip": still, "knee": moved}).position_at_floor
+    # A gap of all joints together hides none.
+    assert replace(gap, position=moved).hidden_joints == ()

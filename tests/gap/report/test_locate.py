@@ -144,6 +144,14 @@ def test_the_map_has_every_regime_of_every_joint_that_occurs():
         assert at.rms == pytest.approx({"hip": 0.03, "knee": 0.01}[joint])
         assert at.lift == pytest.approx({"hip": 1.8, "knee": 0.2}[joint])
     assert all(at.joint == "hip" for at in standing_out(cells) if at.regime != EVERYWHERE)
+    # Radians and meters are not alike; how far above their noise they are, is.
+    of = {"hip": 0.3, "knee": 0.01}
+    shares = {
+        at.joint: at.share
+        for at in gap_map(masks, [replay], [residual], JOINTS, per=of)
+        if at.regime == EVERYWHERE
+    }
+    assert shares == pytest.approx({"hip": 1 / 101, "knee": 100 / 101})
     # Nobody logged the effort.
     assert gap_map(masks, [replay], [residual], JOINTS, "effort") == ()
 

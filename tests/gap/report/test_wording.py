@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -37,6 +38,25 @@ def test_no_gap_and_unexplained(leg: LegDiagnosis) -> None:
     assert sentence.startswith("No effect of the catalogue explains the gap")
     assert sentence.endswith("It stands out most at calf (velocity reversal).")
     assert "stands out" not in wording.verdict_sentence(replace(bare, verdict="unexplained"))
+
+
+def test_a_joint_whose_gap_the_others_hide_is_told(leg: LegDiagnosis) -> None:
+    still = GapSize(unit="rad", before=0.0010, after=0.0010, noise_floor=0.0010)
+    hidden = replace(still, before=0.0032, after=0.0032)
+    gap = replace(leg().gap, position=still, joints={"hip": still, "calf": hidden})
+    alone = "; at calf alone it is 3.2 mrad, over a floor of 1.0 mrad"
+    partly = replace(leg(), gap=replace(gap, signals={}), verdict="partly_explained")
+    assert alone in wording.verdict_sentence(partly)
+    assert alone in wording.verdict_sentence(replace(partly, effects=(), verdict="unexplained"))
+
+
+def test_a_simulation_that_diverges_has_no_size(leg: LegDiagnosis) -> None:
+    diagnosis = leg()
+    unknown = replace(diagnosis.gap.position, before=math.nan)
+    gone = replace(diagnosis, gap=replace(diagnosis.gap, position=unknown, signals={}))
+    assert "the position error is 1.1 mrad, and unknown before" in wording.verdict_sentence(gone)
+    nothing = replace(gone, effects=(), verdict="unexplained")
+    assert "is unknown, as the simulation diverges" in wording.verdict_sentence(nothing)
 
 
 def test_an_effort_gap_that_a_stiff_loop_hides_in_the_position_is_told(leg: LegDiagnosis) -> None:
