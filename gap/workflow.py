@@ -30,6 +30,7 @@ from walkerkit.gap.recordings.checks import (
     check_window,
     lopsided,
     source,
+    without_echoes,
     without_placeholders,
 )
 from walkerkit.gap.recordings.given import OneOrMore
@@ -46,7 +47,7 @@ from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem, build
-from walkerkit.gap.simulation.commands import Hold, driven_by_effort
+from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_effort
 from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot, load_robot
@@ -302,10 +303,7 @@ def prepare(
     recordings = [r for experiment in experiments for r in experiment.recordings]
     check_recordings(recordings)
     experiments = tuple(
-        replace(
-            experiment,
-            recordings=tuple(with_checked_velocities(robot, r) for r in experiment.recordings),
-        )
+        replace(experiment, recordings=tuple(_checked(robot, r) for r in experiment.recordings))
         for robot, experiment in zip(robots, experiments, strict=True)
     )
     windowed = any(
@@ -336,6 +334,12 @@ def prepare(
             "fitted, but not in both. Hold out others, or none, so that each half has it."
         )
     return setup.split_in_time()
+
+
+def _checked(robot: Robot, recording: Recording) -> Recording:
+    """A recording without pauses, with what its signals say of each other."""
+    recording = with_checked_velocities(robot, recording)
+    return without_echoes(recording, by_effort_alone(robot, recording))
 
 
 def effect_names(names: str | Sequence[str] | None) -> tuple[str, ...] | None:
