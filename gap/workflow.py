@@ -54,7 +54,11 @@ from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.size import check_size
 from walkerkit.gap.stopgap.hints import with_hints
-from walkerkit.gap.units import with_checked_angles, with_checked_velocities
+from walkerkit.gap.units import (
+    with_checked_angles,
+    with_checked_extent,
+    with_checked_velocities,
+)
 from walkerkit.gap.wiring import rewired_experiments
 from walkerkit.walkers.batch import counted_warnings, without_warnings
 
@@ -293,7 +297,7 @@ def prepare(
             robot.check_joints(recording.joints, source(recording))
         robots.append(robot)
         fitting = tuple(
-            suited(robot, tidied(with_checked_angles(robot, recording)))
+            suited(robot, tidied(with_checked_angles(robot, with_checked_extent(robot, recording))))
             for recording in experiment.recordings
         )
         suiting.append(replace(experiment, recordings=fitting))

@@ -15,9 +15,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.errors import refusal
 from walkerkit.gap.recordings.base import missing
-from walkerkit.gap.recordings.recording import LARGEST_POSITION, Recording
+from walkerkit.gap.recordings.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -39,9 +38,6 @@ def tidied(recording: Recording) -> Recording:
 
     Args:
         recording: the log, of hinges; a slide joint does not jump by 2π metres.
-
-    Raises:
-        InputError: a joint makes more turns than can be compared.
     """
     recording = _unwrapped(recording)
     return replace(recording, notes=(*recording.notes, *_quirks(recording)))
@@ -61,12 +57,6 @@ def _unwrapped(recording: Recording) -> Recording:
                 continue
             whole = np.cumsum(-np.sign(jumps) * wraps)
             columns[name] = columns[name] + _TURN * np.concatenate([[0.0], whole])
-            if np.abs(columns[name]).max() > LARGEST_POSITION:
-                raise refusal(
-                    f"{recording.source or recording.name}: column {name!r} wraps "
-                    f"{np.count_nonzero(wraps)} times, to beyond {LARGEST_POSITION:g} rad. Cut it "
-                    "into shorter recordings."
-                )
             first = recording.time[np.argmax(wraps) + 1]
             notes.append(
                 f"{name} jumps by a turn {np.count_nonzero(wraps)} times, first at {first:.6g} s; "
