@@ -16,6 +16,7 @@ _FEWEST_IN_WINDOW = 8
 _LONGEST_PAUSE = 0.5  # s
 _COMPARED = ("position", "effort")
 _PLACEHOLDERS = ("velocity", "effort")
+_SPARES = ("voltage", "current")  # that a log may have and nothing reads
 _ECHO = 1e-4  # of the largest effort; rounding in a file is less, what a drive measures is more
 
 
@@ -73,9 +74,10 @@ def check_window(window: float, recordings: Sequence[Recording]) -> None:
 
 
 def without_placeholders(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
-    """The experiments without efforts and velocities that never change; those become `unused`.
+    """The experiments without what nothing reads, and efforts and velocities that never change.
 
-    Drives that cannot measure their effort log zeros, which no simulation should be held to.
+    Drives that cannot measure their effort log zeros, which no simulation should be held to. All of
+    these become `unused`.
     """
     recordings = [r for experiment in experiments for r in experiment.recordings]
     columns = dict.fromkeys(
@@ -86,6 +88,7 @@ def without_placeholders(experiments: Sequence[Experiment]) -> tuple[Experiment,
         for column in columns
         if not any(np.ptp(r.columns[column]) for r in recordings if column in r.columns)
     }
+    silent |= {c for r in recordings for c in r.columns if c.rpartition("/")[2] in _SPARES}
     return tuple(
         replace(experiment, recordings=tuple(_without(r, silent) for r in experiment.recordings))
         for experiment in experiments

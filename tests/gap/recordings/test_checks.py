@@ -104,6 +104,14 @@ def test_efforts_that_are_never_measured_are_dropped() -> None:
     assert second.recordings[0] is moving
 
 
+def test_what_nothing_reads_is_listed_as_unused() -> None:
+    current = log("other", knee__current=np.arange(40), voltage=24.0)
+    (found,) = without_placeholders([Experiment(model="a.xml", recordings=(log(), current))])
+    assert found.recordings[0].unused == ()
+    assert found.recordings[1].unused == ("knee/current", "voltage")
+    assert list(found.recordings[1].columns) == list(log().columns)
+
+
 @pytest.mark.parametrize(
     ("factor", "words"), [(1.0, "effort_target again"), (-0.5, "effort_target times -0.5")]
 )
