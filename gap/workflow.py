@@ -343,6 +343,8 @@ def prepare(
 def _checked(robot: Robot, recording: Recording) -> Recording:
     """A recording without pauses, with what its signals say of each other."""
     recording = with_checked_velocities(robot, recording)
+    if robot.base is not None:
+        recording = base.with_checked_base(recording)
     return without_echoes(recording, by_effort_alone(robot, recording))
 
 
