@@ -27,6 +27,7 @@ from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings import base
 from walkerkit.gap.recordings.checks import (
     check_recordings,
+    check_seconds,
     check_window,
     lopsided,
     source,
@@ -285,8 +286,7 @@ def prepare(
     Raises:
         InputError: a model or recording cannot be used, or they do not fit each other.
     """
-    if not window > 0:
-        raise InputError(f"window is {window} s; give a positive number of seconds.")
+    check_seconds(window)
     robots, suiting = [], []
     for experiment in experiments:
         floating = any(not base.missing(recording) for recording in experiment.recordings)

@@ -58,6 +58,20 @@ def check_recordings(recordings: Sequence[Recording]) -> None:
         )
 
 
+def check_seconds(window: float) -> None:
+    """Refuses a window that is no positive number of seconds.
+
+    Raises:
+        InputError: it is none.
+    """
+    number = isinstance(window, int | float | np.integer | np.floating)
+    if not number or not window > 0:
+        raise InputError(
+            f"window is {f'{window} s' if number else repr(window)}; give a positive number of "
+            "seconds."
+        )
+
+
 def check_window(window: float, recordings: Sequence[Recording]) -> None:
     """Refuses a window that is too short for one of the recordings.
 
