@@ -34,11 +34,15 @@ _FIELDS = {
 }
 _KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
 _NANO = 1e-9
+_FEW = 0.05  # of the joint states, that may lack a number and are left out
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Message:
-    """What one message says: when it was received and stamped [ns], and its joints' values."""
+    """What one message says: when it was received and stamped [ns], and its joints' values.
+
+    A value that is no number is NaN.
+    """
 
     received: int
     stamped: int
@@ -160,9 +164,9 @@ def _named(message: Any, kind: str) -> Iterator[tuple[str, dict[TargetKind, floa
         yield (
             joint,
             {
-                signal: float(values[k])
+                signal: float(values[k]) if np.isfinite(values[k]) else np.nan
                 for signal, values in zip(_KINDS, given, strict=True)
-                if k < len(values) and np.isfinite(values[k])
+                if k < len(values)
             },
         )
 
@@ -213,15 +217,12 @@ class _Rows:
     def recording(self, name: str | None) -> Recording:
         """The rows from the first commands on."""
         joints = list(self._states[0].values)
-        targets: dict[str, FloatArray] = {}
-        for joint in joints:
-            for kind in _KINDS:
-                which = [k for k, c in enumerate(self._commands) if kind in c.values.get(joint, {})]
-                if not which:
-                    continue
-                values = np.array([self._commands[k].values[joint][kind] for k in which])
-                last = np.searchsorted(self._given[which], self._time, side="right") - 1
-                targets[f"{joint}/{kind}_target"] = np.where(last < 0, np.nan, values[last])
+        targets = {
+            f"{joint}/{kind}_target": values
+            for joint in joints
+            for kind in _KINDS
+            if (values := self._target(joint, kind)) is not None
+        }
         if not targets:
             known = {joint for c in self._commands for joint in c.values}
             raise refusal(
@@ -237,17 +238,54 @@ class _Rows:
         first = int(np.argmax(ready))
         if first:
             self._notes.append(f"{first} joint states before the first commands were left out")
-        columns: dict[str, FloatArray] = {}
-        for joint in joints:
-            for kind in _KINDS:
-                measured = [s.values[joint].get(kind, np.nan) for s in self._states[first:]]
-                if np.isfinite(measured).all():
-                    columns[f"{joint}/{kind}"] = np.array(measured)
-        columns |= {column: values[first:] for column, values in targets.items()}
+        columns = self._measured(first)
+        rows = first + np.flatnonzero(np.all([np.isfinite(v) for v in columns.values()], axis=0))
+        columns = {column: values[rows - first] for column, values in columns.items()}
+        columns |= {column: values[rows] for column, values in targets.items()}
+        time = self._time[rows]
         return Recording(
             name=name or self._path.stem,
-            time=_NANO * (self._time[first:] - self._time[first]),
+            time=_NANO * (time - time[:1]),
             columns=columns,
             source=self._path,
             notes=tuple(self._notes),
         )
+
+    def _target(self, joint: str, kind: TargetKind) -> FloatArray | None:
+        """What a joint was told, NaN before it was; None where it never was."""
+        given = [k for k, c in enumerate(self._commands) if kind in c.values.get(joint, {})]
+        which = [k for k in given if np.isfinite(self._commands[k].values[joint][kind])]
+        if not which:
+            return None
+        if len(which) < len(given):
+            self._notes.append(
+                f"{len(given) - len(which)} of {len(given)} commands of {joint}/{kind} are no "
+                "numbers; those before them were held"
+            )
+        values = np.array([self._commands[k].values[joint][kind] for k in which])
+        last = np.searchsorted(self._given[which], self._time, side="right") - 1
+        return np.where(last < 0, np.nan, values[last])
+
+    def _measured(self, first: int) -> dict[str, FloatArray]:
+        """What was measured from a state on, NaN in the few rows that lack a number."""
+        states = self._states[first:]
+        found: dict[str, FloatArray] = {}
+        for joint in states[0].values:
+            for kind in _KINDS:
+                values = np.array([state.values[joint].get(kind, np.nan) for state in states])
+                lacking = int(np.count_nonzero(np.isnan(values)))
+                if lacking == len(states):
+                    continue
+                told = f"{joint}/{kind} is no number in {lacking} of {len(states)} joint states"
+                if lacking > _FEW * len(states):
+                    if kind == "position":
+                        raise refusal(
+                            f"{self._path}: {told} of {self._joint_topic!r}. Mend what publishes "
+                            "it, or leave the joint out."
+                        )
+                    self._notes.append(f"{told}; the column was left out")
+                    continue
+                if lacking:
+                    self._notes.append(f"{told}; these were left out")
+                found[f"{joint}/{kind}"] = values
+        return found

@@ -58,7 +58,12 @@ def positions(seconds: float) -> list[float]:
 
 
 def write_bag(
-    path: Path, commands: Any = command, *, mcap: bool = True, seconds: float = 1.0
+    path: Path,
+    commands: Any = command,
+    *,
+    states: Any = joint_state,
+    mcap: bool = True,
+    seconds: float = 1.0,
 ) -> Path:
     """States at 200 Hz, commands at 50 Hz that begin a little later."""
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
@@ -66,7 +71,7 @@ def write_bag(
         topics: dict[str, Any] = {}
         for k in range(round(seconds * 200)):
             stamp = EPOCH + k * 5_000_000
-            sent = [("/joint_states", joint_state(stamp, positions(k / 200), effort=[1.0, k]))]
+            sent = [("/joint_states", states(stamp, positions(k / 200), effort=[1.0, k]))]
             if k >= 10 and k % 4 == 2:
                 sent.append(("/joint_commands", commands(stamp, positions(k / 200 + 0.05))))
             for topic, message in sent:
