@@ -4,34 +4,30 @@
     recording.save("run_1.csv")
 
 Needs `pip install 'walkerkit[rosbag]'`. `sensor_msgs/JointState` says where the joints were;
-commands come from a topic of `JointState`, `trajectory_msgs/JointTrajectory` (each trajectory's
-first point) or `std_msgs/Float64MultiArray`. Each joint state is a row; a command holds from when
-it was given until the next one of its joint.
+commands come from a topic of `JointState`, `trajectory_msgs/JointTrajectory` or
+`std_msgs/Float64MultiArray`. Each joint state is a row; a command holds from when it was given
+until the next one of its joint, and a trajectory goes from point to point until then.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError, closest, one_line, refusal
 from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.trajectory import Course, TargetKind, targets_of
 
 FloatArray = NDArray[np.float64]
-TargetKind = Literal["position", "velocity", "effort"]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 ARRAY = "std_msgs/msg/Float64MultiArray"
-_FIELDS = {
-    JOINT_STATE: ("name", "position", "velocity", "effort"),
-    TRAJECTORY: ("joint_names", "positions", "velocities", "effort"),
-}
 _KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
 _NANO = 1e-9
 _FEW = 0.05  # of the joint states, that may lack a number and are left out
@@ -41,12 +37,13 @@ _FEW = 0.05  # of the joint states, that may lack a number and are left out
 class _Message:
     """What one message says: when it was received and stamped [ns], and its joints' values.
 
-    A value that is no number is NaN.
+    A value that is no number is NaN. Those of a trajectory are the first of its courses.
     """
 
     received: int
     stamped: int
     values: dict[str, dict[TargetKind, float]]
+    courses: dict[str, dict[TargetKind, Course]] = field(default_factory=dict)
 
 
 def load_bag(
@@ -133,7 +130,7 @@ def _messages(
     messages = []
     chosen = [c for c in reader.connections if c.topic == topic]
     for _, received, raw in reader.messages(connections=chosen):
-        message = reader.deserialize(raw, kind)
+        message, courses = reader.deserialize(raw, kind), {}
         if kind == ARRAY:
             if len(message.data) != len(joints):
                 raise refusal(
@@ -144,31 +141,43 @@ def _messages(
             values = {joint: {target: float(value)} for joint, value in pairs}
             stamped = 0
         else:
-            values = dict(_named(message, kind))
+            if kind == TRAJECTORY:
+                try:
+                    courses = targets_of(message)
+                except ValueError as error:
+                    raise refusal(
+                        f"{path}: topic {topic!r} has a trajectory with {error}, which have to "
+                        "increase. Mend what publishes it, or cut it out of the bag."
+                    ) from None
+                values = {joint: _first(told) for joint, told in courses.items()}
+            else:
+                values = dict(_named(message))
             stamped = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        messages.append(_Message(received=received, stamped=stamped, values=values))
+        messages.append(
+            _Message(received=received, stamped=stamped, values=values, courses=courses)
+        )
     if not messages:
         raise refusal(f"{path}: topic {topic!r} has no messages. Record it again.")
     return messages
 
 
-def _named(message: Any, kind: str) -> Iterator[tuple[str, dict[TargetKind, float]]]:
-    names, *fields = _FIELDS[kind]
-    source = message
-    if kind == TRAJECTORY:
-        if not message.points:
-            return
-        source = message.points[0]
-    given = [getattr(source, field) for field in fields]
-    for k, joint in enumerate(getattr(message, names)):
-        yield (
-            joint,
-            {
-                signal: float(values[k]) if np.isfinite(values[k]) else np.nan
-                for signal, values in zip(_KINDS, given, strict=True)
-                if k < len(values)
-            },
-        )
+def _named(message: Any) -> Iterator[tuple[str, dict[TargetKind, float]]]:
+    """What a `JointState` says of each of its joints."""
+    given = [(kind, getattr(message, kind)) for kind in _KINDS]
+    for k, joint in enumerate(message.name):
+        yield joint, {kind: _number(values[k]) for kind, values in given if k < len(values)}
+
+
+def _first(told: dict[TargetKind, Course]) -> dict[TargetKind, float]:
+    """Where the courses of a joint begin, NaN for those of which some point is no number."""
+    return {
+        kind: course.points[0][course.order] if course.known else np.nan
+        for kind, course in told.items()
+    }
+
+
+def _number(value: float) -> float:
+    return float(value) if np.isfinite(value) else np.nan
 
 
 class _Rows:
@@ -185,6 +194,7 @@ class _Rows:
         self._path = path
         self._joint_topic, self._command_topic = joint_topic, command_topic
         self._notes: list[str] = []
+        self._begun: dict[tuple[str, int], Course] = {}  # of positions, by joint and command
         most = max((tuple(s.values) for s in states), key=len)
         whole = [s for s in states if set(s.values) >= set(most)]
         if len(whole) < len(states):
@@ -210,6 +220,11 @@ class _Rows:
             self._notes.append(f"{len(times) - len(kept)} joint states repeat a stamp: left out")
         self._states = [whole[i] for i in kept]
         self._time = np.array([times[i] for i in kept])
+        if any(course.moves for c in commands for t in c.courses.values() for course in t.values()):
+            self._notes.append(
+                f"trajectories of {command_topic} go from point to point, as a "
+                "joint_trajectory_controller takes them"
+            )
         order = sorted(range(len(given)), key=given.__getitem__)
         self._commands = [commands[i] for i in order]
         self._given = np.array([given[i] for i in order])
@@ -262,9 +277,35 @@ class _Rows:
                 f"{len(given) - len(which)} of {len(given)} commands of {joint}/{kind} are no "
                 "numbers; those before them were held"
             )
+        if self._commands[which[0]].courses:
+            return self._followed(joint, kind, which)
         values = np.array([self._commands[k].values[joint][kind] for k in which])
         last = np.searchsorted(self._given[which], self._time, side="right") - 1
         return np.where(last < 0, np.nan, values[last])
+
+    def _followed(self, joint: str, kind: TargetKind, which: Sequence[int]) -> FloatArray:
+        """The target of trajectories, each until the next one is given."""
+        target = np.full(len(self._time), np.nan)
+        ends = np.append(self._given[which], np.iinfo(np.int64).max)
+        before = self._position(joint, ends[0]) if kind == "position" else np.nan
+        for k, given, until in zip(which, ends[:-1], ends[1:], strict=True):
+            course = self._commands[k].courses[joint][kind]
+            if course.order:
+                course = replace(self._begun[joint, k], order=course.order)
+            else:
+                course = self._begun[joint, k] = course.begun(before)
+            first, last = np.searchsorted(self._time, (given, until))
+            target[first:last] = course.at(_NANO * (self._time[first:last] - given))
+            (before,) = course.at(_NANO * np.array([until - given]))
+        return target
+
+    def _position(self, joint: str, time: int) -> float:
+        """Where a joint was [rad; m], NaN where nobody knows."""
+        values = np.array([state.values[joint].get("position", np.nan) for state in self._states])
+        known = np.isfinite(values)
+        if not known.any():
+            return np.nan
+        return float(np.interp(0.0, (self._time[known] - time).astype(float), values[known]))
 
     def _measured(self, first: int) -> dict[str, FloatArray]:
         """What was measured from a state on, NaN in the few rows that lack a number."""

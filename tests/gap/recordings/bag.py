@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +30,23 @@ def joint_state(stamp: int, position: list[float], **more: Any) -> Any:
 
 
 def trajectory(stamp: int, position: list[float]) -> Any:
-    point = STORE.types["trajectory_msgs/msg/JointTrajectoryPoint"](
-        positions=np.array(position, float),
-        velocities=np.zeros(0),
-        accelerations=np.zeros(0),
-        effort=np.zeros(0),
-        time_from_start=STORE.types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0),
-    )
+    return trajectory_of(stamp, [(0.0, {"positions": position})])
+
+
+def trajectory_of(stamp: int, points: Sequence[tuple[float, Mapping[str, Any]]]) -> Any:
+    """A trajectory through points, each of a time from its start [s] and some of its fields."""
+    fields = ("positions", "velocities", "accelerations", "effort")
+    made = [
+        STORE.types["trajectory_msgs/msg/JointTrajectoryPoint"](
+            **{field: np.array(given.get(field, ()), float) for field in fields},
+            time_from_start=STORE.types["builtin_interfaces/msg/Duration"](
+                sec=int(time), nanosec=round(time % 1 * 1e9)
+            ),
+        )
+        for time, given in points
+    ]
     return STORE.types["trajectory_msgs/msg/JointTrajectory"](
-        header=header(stamp), joint_names=list(JOINTS), points=[point]
+        header=header(stamp), joint_names=list(JOINTS), points=made
     )
 
 

@@ -15,6 +15,7 @@ from tests.gap.recordings.bag import (
     joint_state,
     positions,
     trajectory,
+    trajectory_of,
     write_bag,
 )
 from walkerkit.gap import InputError, Recording
@@ -43,6 +44,61 @@ def test_a_bag_is_a_recording(tmp_path: Path, commands: object, mcap: bool) -> N
     np.testing.assert_allclose(recording.signal("knee", "position_target"), told[:, 1], atol=1e-9)
     assert any("10 joint states before the first commands" in note for note in recording.notes)
     assert any("no stamps" in note for note in recording.notes) == (commands is array)
+
+
+def test_a_trajectory_goes_from_point_to_point_until_the_next(tmp_path: Path) -> None:
+    """Each command is where the joint is, and where it should be 0.04 s later; one comes at 0.02 s.
+
+    So every target is cut short half way, and goes on from there.
+    """
+    goals = itertools.cycle([0.4, -0.4])
+
+    def through(stamp: int, position: list[float]) -> Any:
+        goal = next(goals)
+        return trajectory_of(stamp, [(0.04, {"positions": [goal, 2 * goal]})])
+
+    path = write_bag(tmp_path / "run", through)
+    recording = load_bag(path, command_topic="/joint_commands")
+    time = recording.time + FIRST
+    start = positions(FIRST)
+    for joint, where, size in (("hip", start[0], 0.4), ("knee", start[1], 0.8)):
+        expected, target = [], where
+        for k, now in enumerate(time):
+            since, goal = k % 4 * 0.005, size * (-1) ** (k // 4)
+            if k % 4 == 0 and k:
+                target += (-goal - target) / 2
+            expected.append(target + (goal - target) * since / 0.04)
+            assert now == pytest.approx(FIRST + 0.005 * k)
+        np.testing.assert_allclose(recording.signal(joint, "position_target"), expected, atol=1e-9)
+    assert recording.signal("hip", "velocity_target") is None
+    assert any("go from point to point, as a joint_traj" in note for note in recording.notes)
+
+
+def test_a_trajectory_ends_where_it_was_to(tmp_path: Path) -> None:
+    """Planned as a whole: one message, with velocities."""
+    sent = itertools.count()
+
+    def planned(stamp: int, position: list[float]) -> Any:
+        points = [(0.0, {"positions": [0, 0], "velocities": [0, 0]})]
+        points += [(0.5, {"positions": [1, 2], "velocities": [0, 0]})]
+        return trajectory_of(stamp, points if next(sent) == 0 else [])
+
+    recording = load_bag(write_bag(tmp_path / "run", planned), command_topic="/joint_commands")
+    part = np.minimum(recording.time / 0.5, 1)
+    wanted = 3 * part**2 - 2 * part**3
+    np.testing.assert_allclose(recording.signal("hip", "position_target"), wanted, atol=1e-9)
+    slope = 12 * 2 * part * (1 - part)
+    np.testing.assert_allclose(recording.signal("knee", "velocity_target"), slope, atol=1e-9)
+
+
+def test_a_trajectory_that_goes_back_in_time_is_refused(tmp_path: Path) -> None:
+    def back(stamp: int, position: list[float]) -> Any:
+        return trajectory_of(stamp, [(0.1, {"positions": position})] * 2)
+
+    path = write_bag(tmp_path / "run", back)
+    message = r"run: topic '/joint_commands' has a trajectory with points at 0\.1, 0\.1 s from"
+    with pytest.raises(InputError, match=message):
+        load_bag(path, command_topic="/joint_commands")
 
 
 def with_gaps(every: int, **gaps: object) -> Callable[..., Any]:
