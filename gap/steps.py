@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,8 +79,10 @@ def load(
         the recordings that are fitted (`fit`) and held out (`held`).
 
     Raises:
-        InputError: the model or a recording cannot be used.
+        InputError: the model, a recording, `window` or `hold` cannot be used.
     """
+    if hold is not None and hold not in get_args(Hold):
+        raise InputError(f"hold is {hold!r}; give one of {', '.join(map(repr, get_args(Hold)))}.")
     experiments = load_experiments(model, recordings, held_out=held_out, allow_code=allow_code)
     setup = prepare(experiments, window=window, n_threads=n_threads, allow_outside=allow_outside)
     known = next((robot.hold for robot in setup.robots if robot.hold is not None), None)

@@ -1,5 +1,6 @@
 """Whether the columns of a joint are in one unit, by what they say of each other.
 
+    recording = with_checked_extent(robot, recording)      # how far a joint goes
     recording = with_checked_angles(robot, recording)      # positions and their targets
     recording = with_checked_velocities(robot, recording)  # velocities and slopes of positions
 
@@ -20,11 +21,15 @@ from scipy.ndimage import uniform_filter1d
 
 from walkerkit.gap.errors import InputError, refusal
 from walkerkit.gap.recordings.checks import source
-from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.files import describe_row
+from walkerkit.gap.recordings.recording import LONGEST_STEP, Recording
 from walkerkit.gap.recordings.smooth import Smoothed
 from walkerkit.gap.simulation.robot import Joint, Robot
 
 FloatArray = NDArray[np.float64]
+
+LARGEST_POSITION = 50.0
+"""A position beyond this is taken for degrees or millimetres, unless it may be so far [rad; m]."""
 
 _TURN = float(2 * np.pi)
 _DEGREE = _TURN / 360
@@ -38,6 +43,7 @@ _AGREES = 0.25  # of its size, that a column may differ from the other one
 _LEAST_SPAN = 0.02  # rad, of a target that moves
 _LONGEST_LAG, _LAGS = 0.3, 16  # s of a position behind its target; how many of them are tried
 _MOST_ROWS = 20_000  # that are looked at
+_ONE_WAY, _PLACES = 0.9, 200  # of the way of a wheel that winds up, between that many places
 
 _STILL = 1e-3  # rad or m; a joint that moves less has no velocity to compare
 _AVERAGED = 0.1  # s, over which velocities are compared
@@ -137,6 +143,34 @@ class _Angles:
         """Whether it is hardly an angle of the joint [rad]."""
         reach = _reach(self.lower, self.upper)
         return bool(np.ptp(values) > _TURN) if np.isinf(reach) else _peak(values) > _BEYOND * reach
+
+
+def with_checked_extent(robot: Robot, recording: Recording) -> Recording:
+    """The recording, with a note of each wheel that turns on and on.
+
+    Args:
+        robot: the robot; joints that it lacks are left alone.
+        recording: as it was logged; angles that wrap may do so for any number of turns.
+
+    Raises:
+        InputError: a joint goes too far, unless its range allows it, or a hinge without one turns
+            as its velocity says, or on in one direction where there is no velocity.
+    """
+    notes = []
+    for name, joint in robot.joints.items():
+        for signal in ("position", "position_target"):
+            values = recording.signal(name, signal)
+            if values is None or _peak(values) <= LARGEST_POSITION:
+                continue
+            if _peak(values) > _farthest(robot, joint, recording):
+                raise _refused(recording, _too_far(robot, joint, recording, signal))
+            if np.isinf(_range(robot, joint)[1]):
+                notes.append(
+                    f"{name}/{signal} goes as far as {_peak(values):.4g}, which was taken for "
+                    f"{_peak(values) / _TURN:.0f} turns of a wheel; if it is in degrees, multiply "
+                    "the joint's columns by pi/180"
+                )
+    return _with_notes(recording, notes)
 
 
 def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
@@ -274,6 +308,51 @@ def _likeness(target: FloatArray, position: FloatArray, rate: float) -> Likeness
             if abs(alike) > abs(best.alike):
                 best = Likeness(ratio=product / sizes[0] ** 2, alike=alike)
     return best
+
+
+def _farthest(robot: Robot, joint: Joint, recording: Recording) -> float:
+    """How far a joint and its target may be [rad; m]."""
+    lower, upper = _range(robot, joint)
+    position = recording.signal(joint.name, "position")
+    if np.isfinite(upper):
+        return max(LARGEST_POSITION, _BEYOND * _reach(lower, upper))
+    if joint.slide or position is None or not _turns_on(recording, joint.name):
+        return LARGEST_POSITION
+    return max(LARGEST_POSITION, _ODD * _peak(position))
+
+
+def _turns_on(recording: Recording, joint: str) -> bool:
+    """Whether a joint turns as its velocity says; on in one direction, where there is none."""
+    position = recording.columns[f"{joint}/position"]
+    logged = (recording.signal(joint, signal) for signal in ("velocity", "velocity_target"))
+    velocities = [velocity for velocity in logged if velocity is not None and velocity.any()]
+    if not velocities:
+        places = position[:: 1 + len(position) // _PLACES]
+        return bool(np.ptp(places) >= _ONE_WAY * np.abs(np.diff(places)).sum())
+    steps = np.minimum(np.diff(recording.time), LONGEST_STEP)  # pauses are refused later
+    travelled = (np.cumsum(np.append(0.0, 0.5 * (v[1:] + v[:-1]) * steps)) for v in velocities)
+    found = [_likeness(way, position, recording.rate) for way in travelled]
+    # A velocity that is too large is not the position's fault.
+    beyond = any(one.within(_ODD, np.inf) for one in found)
+    return any(one.within(0.0, _ODD) for one in found) and not beyond
+
+
+def _too_far(robot: Robot, joint: Joint, recording: Recording, signal: str) -> str:
+    values = recording.columns[f"{joint.name}/{signal}"]
+    row = int(np.argmax(np.abs(values) > LARGEST_POSITION))
+    unit, wrong = "rad", "degrees; multiply it by pi/180 (numpy.deg2rad)"
+    remedy = f"Of a wheel log '{joint.name}/velocity' in rad/s, too, which bears it out."
+    if joint.slide:
+        unit, wrong = "m", "millimetres; divide it by 1000"
+        remedy = f"Where it goes so far, give the joint of {robot.source} a range that says so."
+    upper = _reach(*_range(robot, joint))
+    if np.isfinite(upper):
+        remedy = f"The joint of {robot.source} ends at {upper:.4g} {unit}."
+    return (
+        f"column '{joint.name}/{signal}' has {values[row]:g} at "
+        f"{describe_row(recording.source, row)}, over {LARGEST_POSITION:g} {unit}: looks like "
+        f"{wrong}. {remedy}"
+    )
 
 
 def _lags(longest: float, rows: int) -> list[int]:

@@ -27,9 +27,11 @@ from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings import base
 from walkerkit.gap.recordings.checks import (
     check_recordings,
+    check_seconds,
     check_window,
     lopsided,
     source,
+    without_echoes,
     without_placeholders,
 )
 from walkerkit.gap.recordings.given import OneOrMore
@@ -46,14 +48,18 @@ from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem, build
-from walkerkit.gap.simulation.commands import Hold, driven_by_effort
+from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_effort
 from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.size import check_size
 from walkerkit.gap.stopgap.hints import with_hints
-from walkerkit.gap.units import with_checked_angles, with_checked_velocities
+from walkerkit.gap.units import (
+    with_checked_angles,
+    with_checked_extent,
+    with_checked_velocities,
+)
 from walkerkit.gap.wiring import rewired_experiments
 from walkerkit.walkers.batch import counted_warnings, without_warnings
 
@@ -280,8 +286,7 @@ def prepare(
     Raises:
         InputError: a model or recording cannot be used, or they do not fit each other.
     """
-    if not window > 0:
-        raise InputError(f"window is {window} s; give a positive number of seconds.")
+    check_seconds(window)
     robots, suiting = [], []
     for experiment in experiments:
         floating = any(not base.missing(recording) for recording in experiment.recordings)
@@ -292,7 +297,7 @@ def prepare(
             robot.check_joints(recording.joints, source(recording))
         robots.append(robot)
         fitting = tuple(
-            suited(robot, tidied(with_checked_angles(robot, recording)))
+            suited(robot, tidied(with_checked_angles(robot, with_checked_extent(robot, recording))))
             for recording in experiment.recordings
         )
         suiting.append(replace(experiment, recordings=fitting))
@@ -302,10 +307,7 @@ def prepare(
     recordings = [r for experiment in experiments for r in experiment.recordings]
     check_recordings(recordings)
     experiments = tuple(
-        replace(
-            experiment,
-            recordings=tuple(with_checked_velocities(robot, r) for r in experiment.recordings),
-        )
+        replace(experiment, recordings=tuple(_checked(robot, r) for r in experiment.recordings))
         for robot, experiment in zip(robots, experiments, strict=True)
     )
     windowed = any(
@@ -336,6 +338,14 @@ def prepare(
             "fitted, but not in both. Hold out others, or none, so that each half has it."
         )
     return setup.split_in_time()
+
+
+def _checked(robot: Robot, recording: Recording) -> Recording:
+    """A recording without pauses, with what its signals say of each other."""
+    recording = with_checked_velocities(robot, recording)
+    if robot.base is not None:
+        recording = base.with_checked_base(recording)
+    return without_echoes(recording, by_effort_alone(robot, recording))
 
 
 def effect_names(names: str | Sequence[str] | None) -> tuple[str, ...] | None:

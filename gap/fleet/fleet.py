@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from walkerkit.gap.errors import InputError
 from walkerkit.gap.fleet import folder as folders
 from walkerkit.gap.fleet.comparison import Comparison, Row, compare
 from walkerkit.gap.fleet.engine import PROCESSES, Done, Failure, check_engine, run
 from walkerkit.gap.fleet.manifest import load_fleet
 from walkerkit.gap.fleet.member import Job, Made, diagnose_member
+from walkerkit.gap.recordings.checks import check_seconds
 from walkerkit.gap.report.output import DIAGNOSIS, check_folder, write_folder
 
 SCHEMA = 1
@@ -119,8 +119,7 @@ def diagnose_fleet(
     members = load_fleet(manifest, allow_code=allow_code)
     check_engine(engine, address, workers)
     chosen = effect_names(effects)
-    if not window > 0:
-        raise InputError(f"window is {window} s; give a positive number of seconds.")
+    check_seconds(window)
     out = Path(out)
     check_folder(out)
     jobs = [

@@ -3,15 +3,18 @@
     missing(recording)                         # () where the log has the whole pose
     base_signal(recording, "orientation_y")    # (T,) rad, the pitch
     BaseState(recording).at(time)              # (n, 7) and (n, 6), as a MuJoCo free joint has them
+    with_checked_base(recording)               # a note of each velocity that is not used
 
 Position and linear velocity are in the world's frame; the quaternion, real part first, turns from
 the base's frame to the world's; the angular velocity is in the base's frame. A quaternion and its
 opposite are the same pose, so jumps between them do not matter. Where no velocity was logged, or
-one that contradicts the poses (most often one in the other frame), it is the poses' own.
+one that contradicts the poses (most often one in the other frame), it is the poses' own, and that
+is told.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -97,6 +100,21 @@ def turned(first: FloatArray, second: FloatArray) -> FloatArray:
     factor = np.where(near, 2.0 * np.where(w < 0, -1.0, 1.0), angle / np.where(near, 1.0, sine))
     rotation: FloatArray = vector * factor[..., None]
     return rotation
+
+
+def with_checked_base(recording: Recording) -> Recording:
+    """The recording, with a note of each velocity of the base that contradicts its poses.
+
+    Args:
+        recording: has the whole pose, and no pause.
+    """
+    frames = {LINEAR[0]: "world", ANGULAR[0]: "base"}
+    notes = tuple(
+        f"{column}, _y and _z contradict how the base's pose changes, which is used instead: log "
+        f"them in the {frames[column]}'s frame, in SI units"
+        for column in BaseState(recording).contradictions
+    )
+    return replace(recording, notes=(*recording.notes, *notes)) if notes else recording
 
 
 class BaseState:

@@ -16,6 +16,8 @@ _FEWEST_IN_WINDOW = 8
 _LONGEST_PAUSE = 0.5  # s
 _COMPARED = ("position", "effort")
 _PLACEHOLDERS = ("velocity", "effort")
+_SPARES = ("voltage", "current")  # that a log may have and nothing reads
+_ECHO = 1e-4  # of the largest effort; rounding in a file is less, what a drive measures is more
 
 
 def check_recordings(recordings: Sequence[Recording]) -> None:
@@ -56,6 +58,20 @@ def check_recordings(recordings: Sequence[Recording]) -> None:
         )
 
 
+def check_seconds(window: float) -> None:
+    """Refuses a window that is no positive number of seconds.
+
+    Raises:
+        InputError: it is none.
+    """
+    number = isinstance(window, int | float | np.integer | np.floating)
+    if not number or not window > 0:
+        raise InputError(
+            f"window is {f'{window} s' if number else repr(window)}; give a positive number of "
+            "seconds."
+        )
+
+
 def check_window(window: float, recordings: Sequence[Recording]) -> None:
     """Refuses a window that is too short for one of the recordings.
 
@@ -72,9 +88,10 @@ def check_window(window: float, recordings: Sequence[Recording]) -> None:
 
 
 def without_placeholders(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
-    """The experiments without efforts and velocities that never change; those become `unused`.
+    """The experiments without what nothing reads, and efforts and velocities that never change.
 
-    Drives that cannot measure their effort log zeros, which no simulation should be held to.
+    Drives that cannot measure their effort log zeros, which no simulation should be held to. All of
+    these become `unused`.
     """
     recordings = [r for experiment in experiments for r in experiment.recordings]
     columns = dict.fromkeys(
@@ -85,6 +102,7 @@ def without_placeholders(experiments: Sequence[Experiment]) -> tuple[Experiment,
         for column in columns
         if not any(np.ptp(r.columns[column]) for r in recordings if column in r.columns)
     }
+    silent |= {c for r in recordings for c in r.columns if c.rpartition("/")[2] in _SPARES}
     return tuple(
         replace(experiment, recordings=tuple(_without(r, silent) for r in experiment.recordings))
         for experiment in experiments
@@ -97,6 +115,36 @@ def _without(recording: Recording, silent: set[str]) -> Recording:
         return recording
     columns = {name: v for name, v in recording.columns.items() if name not in silent}
     return replace(recording, columns=columns, unused=(*recording.unused, *dropped))
+
+
+def without_echoes(recording: Recording, joints: Sequence[str]) -> Recording:
+    """The recording without efforts that only repeat their commands; those become `unused`.
+
+    Where a controller logs what it sends in place of what the drive measures, the drive would be
+    known to be neither late nor weak. The log of an ideal one, as in a simulator, loses nothing.
+
+    Args:
+        recording: the log.
+        joints: those that take efforts alone; a servo makes more than the effort that it is told.
+    """
+    echoes = {}
+    for joint in joints:
+        effort, target = (recording.signal(joint, s) for s in ("effort", "effort_target"))
+        if effort is None or target is None or np.ptp(effort) == 0 or np.ptp(target) == 0:
+            continue
+        factor = float(effort @ target / (target @ target))
+        if np.abs(effort - factor * target).max() <= _ECHO * np.abs(effort).max():
+            echoes[f"{joint}/effort"] = f"{joint}/effort_target" + (
+                " again" if abs(factor - 1) <= _ECHO else f" times {factor:.4g}"
+            )
+    if not echoes:
+        return recording
+    notes = (
+        f"{column} is {target}, so it tells nothing of the drive and is not compared. Log what "
+        "the drive measures: its current times its torque constant"
+        for column, target in echoes.items()
+    )
+    return replace(_without(recording, set(echoes)), notes=(*recording.notes, *notes))
 
 
 def lopsided(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> str | None:

@@ -6,11 +6,12 @@ recording.signal("knee", "position")           # (T,) rad, or None where it was 
 recording.between(2.0, 4.0).save("part.npz")
 
 One column per signal, `<joint>/<signal>`, beside `time` in seconds; SI units and radians; the joint
-is everything before the last slash. Optional: `voltage`, `<joint>/current`, and of the base
-`base/position_x…z` and `base/linear_velocity_x…z` (world frame), `base/quaternion_w…z` (base to
-world), `base/angular_velocity_x…z` (base frame), as a MuJoCo free joint has them. Every joint has a
-`position` and at least one joint a target; a joint without one is passive. A recording that
-cannot be used raises InputError: one line that says where, what, and how to mend it.
+is everything before the last slash. Optional: of the base `base/position_x…z` and
+`base/linear_velocity_x…z` (world frame), `base/quaternion_w…z` (base to world),
+`base/angular_velocity_x…z` (base frame), as a MuJoCo free joint has them; and `voltage` and
+`<joint>/current`, which are kept though nothing compares them. Every joint has a `position` and at
+least one joint a target; a joint without one is passive. A recording that cannot be used raises
+InputError: one line that says where, what, and how to mend it.
 """
 
 from __future__ import annotations
@@ -46,10 +47,8 @@ BASE = QUATERNION + tuple(
     for quantity in ("position", "linear_velocity", "angular_velocity")
     for axis in "xyz"
 )
-LARGEST_POSITION = 50.0
-"""A position beyond this is taken for degrees [rad, m]."""
 LARGEST = 1e9
-"""Anything else beyond this is no measurement, in whichever unit of the SI."""
+"""Anything beyond this is no measurement, in whichever unit of the SI."""
 LONGEST_STEP = 0.2
 """A median step from here on is taken for milliseconds or less [s]; 1 kHz in milliseconds is 1."""
 
@@ -326,14 +325,6 @@ class Recording:
                 raise self._error(
                     f"column {name!r} has {values[beyond[0]]:g} at {self._row(beyond[0])}, over "
                     f"{LARGEST:g} in any SI unit. Delete such rows, or fill them"
-                )
-            if _split(name)[1] not in ("position", "position_target"):
-                continue
-            far = np.flatnonzero(np.abs(values) > LARGEST_POSITION)
-            if far.size:
-                raise self._error(
-                    f"column {name!r} has {values[far[0]]:g} at {self._row(far[0])}, over "
-                    f"{LARGEST_POSITION:g} rad or m: looks like degrees; convert with numpy.deg2rad"
                 )
         if QUATERNION[0] in columns:
             norm = np.linalg.norm([columns[name] for name in QUATERNION], axis=0)

@@ -4,7 +4,9 @@
     recording.notes                     # and what was left as it is: clipped, stale, out of step
 
 An encoder that wraps jumps by a whole turn from one sample to the next, and so does the target
-that was read from it. Nothing else is changed: what is clipped or repeated cannot be known again.
+that was read from it. No joint makes a turn between two samples, but one may be asked to: a target
+that its position is nearer to with the jumps keeps them. Nothing else is changed: what is clipped
+or repeated cannot be known again.
 """
 
 from __future__ import annotations
@@ -15,9 +17,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.errors import refusal
 from walkerkit.gap.recordings.base import missing
-from walkerkit.gap.recordings.recording import LARGEST_POSITION, Recording
+from walkerkit.gap.recordings.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -39,9 +40,6 @@ def tidied(recording: Recording) -> Recording:
 
     Args:
         recording: the log, of hinges; a slide joint does not jump by 2π metres.
-
-    Raises:
-        InputError: a joint makes more turns than can be compared.
     """
     recording = _unwrapped(recording)
     return replace(recording, notes=(*recording.notes, *_quirks(recording)))
@@ -60,13 +58,13 @@ def _unwrapped(recording: Recording) -> Recording:
             if not wraps.any():
                 continue
             whole = np.cumsum(-np.sign(jumps) * wraps)
-            columns[name] = columns[name] + _TURN * np.concatenate([[0.0], whole])
-            if np.abs(columns[name]).max() > LARGEST_POSITION:
-                raise refusal(
-                    f"{recording.source or recording.name}: column {name!r} wraps "
-                    f"{np.count_nonzero(wraps)} times, to beyond {LARGEST_POSITION:g} rad. Cut it "
-                    "into shorter recordings."
-                )
+            unwrapped = columns[name] + _TURN * np.concatenate([[0.0], whole])
+            position = columns[f"{joint}/position"]
+            if signal == "position_target" and _apart(position, columns[name]) < _apart(
+                position, unwrapped
+            ):
+                continue
+            columns[name] = unwrapped
             first = recording.time[np.argmax(wraps) + 1]
             notes.append(
                 f"{name} jumps by a turn {np.count_nonzero(wraps)} times, first at {first:.6g} s; "
@@ -74,9 +72,8 @@ def _unwrapped(recording: Recording) -> Recording:
             )
         target = columns.get(f"{joint}/position_target")
         if target is not None:
-            apart = float(np.median(columns[f"{joint}/position"] - target))
-            turns = int(np.rint(apart / _TURN))
-            if turns and abs(apart - turns * _TURN) < _NEAR_A_TURN:
+            turns = _turns(columns[f"{joint}/position"], target)
+            if turns:
                 columns[f"{joint}/position"] = columns[f"{joint}/position"] - turns * _TURN
                 notes.append(
                     f"{joint}/position is {turns:+d} turns from its target; they were taken away"
@@ -84,6 +81,24 @@ def _unwrapped(recording: Recording) -> Recording:
     if not notes:
         return recording
     return replace(recording, columns=columns, notes=(*recording.notes, *notes))
+
+
+def _turns(position: FloatArray, target: FloatArray) -> int:
+    """Whole turns that a position is from its target for the most part."""
+    apart = float(np.median(position - target))
+    turns = int(np.rint(apart / _TURN))
+    return turns if abs(apart - turns * _TURN) < _NEAR_A_TURN else 0
+
+
+def _apart(position: FloatArray, target: FloatArray) -> float:
+    """How far a position is from its target on average [rad].
+
+    Not counted are the whole turns from which it starts, and its sign, which may be wrong.
+    """
+    return min(
+        float(np.abs(one - target - _TURN * _turns(one[:1], target[:1])).mean())
+        for one in (position, -position)
+    )
 
 
 def _quirks(recording: Recording) -> Iterator[str]:

@@ -74,14 +74,19 @@ def routes(robot: Robot, recording: Recording) -> tuple[Route, ...]:
     return tuple(found)
 
 
-def driven_by_effort(robot: Robot, recording: Recording) -> bool:
-    """Whether some joint has nothing but effort to hold it, so that whole rollouts run away."""
+def by_effort_alone(robot: Robot, recording: Recording) -> tuple[str, ...]:
+    """The recording's joints that have nothing but effort to hold them."""
     servoed = {
         route.joint.name
         for route in routes(robot, recording)
         if route.drive is not None and route.drive.kind != "effort"
     }
-    return any(name not in servoed for name in recording.joints)
+    return tuple(name for name in recording.joints if name not in servoed)
+
+
+def driven_by_effort(robot: Robot, recording: Recording) -> bool:
+    """Whether some joint has nothing but effort to hold it, so that whole rollouts run away."""
+    return bool(by_effort_alone(robot, recording))
 
 
 def between_samples(

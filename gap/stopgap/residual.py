@@ -22,13 +22,14 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings.recording import LARGEST_POSITION, Recording
+from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, whole
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
+from walkerkit.gap.units import LARGEST_POSITION
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -153,7 +154,9 @@ def _own_logs(
             f"{joint}/position": column
             for joint, column in zip(recording.joints, predicted.T, strict=True)
         }
-        near = bool((np.abs(predicted) <= LARGEST_POSITION).all())  # what is NaN is not
+        measured = [recording.columns[f"{joint}/position"] for joint in recording.joints]
+        farthest = max(LARGEST_POSITION, 2 * float(np.abs(measured).max()))
+        near = bool((np.abs(predicted) <= farthest).all())  # what is NaN is not
         found.append(replace(recording, columns={**recording.columns, **logged}) if near else None)
     return found
 

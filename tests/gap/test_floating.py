@@ -99,6 +99,15 @@ def test_where_the_log_has_the_floor_does_not_matter(log: Recording, model: str)
     assert found.signals["base_position"].before < 5e-4
 
 
+def test_a_velocity_that_contradicts_the_poses_is_told(log: Recording, model: str) -> None:
+    drifts = {"base/linear_velocity_y": 1.0 + log.columns["base/linear_velocity_y"]}
+    diagnosis = gap.compare(model, [changed(log, drifts)])
+    assert diagnosis.gap.position.before < 5e-4
+    told = "base/linear_velocity_x, _y and _z contradict how the base's pose changes"
+    assert any(told in note for note in diagnosis.notes)
+    assert not any("contradict" in note for note in gap.compare(model, [log]).notes)
+
+
 def test_a_floating_robot_needs_its_base(log: Recording, tmp_path: Path) -> None:
     path = tmp_path / "stool_on_servos.xml"
     path.write_text(STOOL.replace("</worldbody>", f"</worldbody><actuator>{SERVOS}</actuator>"))

@@ -136,6 +136,18 @@ class TestFit:
         with pytest.raises(InputError, match=message):
             gap.fit(problem, effects)
 
+    def test_readings_of_targets_that_there_are_not(self, bench, rehearsal):
+        message = "hold is 'zoh'; give one of 'zero_order', 'linear', 'next'"
+        with pytest.raises(InputError, match=message):
+            gap.load(bench, rehearsal.recordings, hold="zoh")
+
+    @pytest.mark.parametrize("window", ["0.5", None])
+    @pytest.mark.parametrize("step", [gap.load, gap.compare, gap.diagnose])
+    def test_windows_that_are_no_numbers(self, bench, rehearsal, step, window):
+        message = f"window is {window!r}; give a positive number of seconds"
+        with pytest.raises(InputError, match=message):
+            step(bench, rehearsal.recordings, window=window)
+
     def test_a_number_that_there_is_not(self, fitted):
         with pytest.raises(KeyError, match="is 0 of the parameters"):
             fitted.value("armature", "armature")

@@ -15,7 +15,12 @@ from scipy.signal import lfilter
 from walkerkit.gap import InputError, compare
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.simulation.robot import Robot, load_robot, robot_from_spec
-from walkerkit.gap.units import velocity_likeness, with_checked_angles, with_checked_velocities
+from walkerkit.gap.units import (
+    velocity_likeness,
+    with_checked_angles,
+    with_checked_extent,
+    with_checked_velocities,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -246,6 +251,69 @@ def test_a_velocity_before_the_gear_is_told_of() -> None:
     assert note.startswith(f"{VELOCITY} is 20 times the slope of {POSITION}: it is in another unit")
 
 
+TURNED = 25 * TIME + np.sin(5 * TIME)
+"""Of a wheel, 75 rad."""
+SPEED = np.gradient(TURNED, TIME)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"velocity": SPEED, "position_target": TURNED},
+        {"velocity": -SPEED, "velocity_target": SPEED},  # a wiring error, which is found later
+        {"velocity": 60 / (2 * np.pi) * SPEED, "velocity_target": SPEED},  # rpm, too
+        {"velocity_target": 1.5 * SPEED},
+        {"velocity": 0 * SPEED, "position_target": TURNED},
+    ],
+    ids=["velocity", "sign", "rpm", "target", "winds up"],
+)
+def test_a_wheel_may_turn_as_far_as_it_goes(more: dict[str, FloatArray]) -> None:
+    notes = with_checked_extent(robot(""), log(TURNED, **more)).notes
+    assert notes[0].startswith(f"{POSITION} goes as far as 75.6")
+    assert "which was taken for 12 turns of a wheel" in notes[0]
+
+
+def test_a_wheel_may_turn_back() -> None:
+    turned = 60 * np.sin(4 * TIME)
+    back = log(turned, velocity=np.gradient(turned, TIME), velocity_target=0 * TIME)
+    assert len(with_checked_extent(robot(""), back).notes) == 1
+
+
+@pytest.mark.parametrize(
+    ("column", "recording"),
+    [
+        (POSITION, log(60 * np.sin(4 * TIME), 0.1 + 60 * np.sin(4 * TIME))),
+        (POSITION, log(np.rad2deg(TURNED), velocity_target=SPEED)),
+        (POSITION, log(np.rad2deg(TURNED), velocity=np.rad2deg(SPEED), velocity_target=SPEED)),
+        (TARGET, log(TURNED / 75, np.rad2deg(TURNED))),
+    ],
+    ids=["swings", "beside a target", "both beside a target", "the target alone"],
+)
+def test_a_hinge_without_a_range_that_may_be_in_degrees_is_refused(
+    column: str, recording: Recording
+) -> None:
+    message = f"'{column}' has .* at row .*, over 50 rad: looks like degrees; .*elbow/velocity"
+    with pytest.raises(InputError, match=message):
+        with_checked_extent(robot(""), recording)
+
+
+def test_a_joint_may_be_as_far_as_its_range() -> None:
+    recording = log(TURNED, velocity_target=SPEED)
+    assert with_checked_extent(robot('limited="true" range="-80 80"'), recording) is recording
+    message = r"'elbow/position' has 50.0\d* at row \d+, over 50 rad.* of arm.xml ends at 2 rad\.$"
+    with pytest.raises(InputError, match=message):
+        with_checked_extent(robot(), recording)
+
+
+def test_a_slide_is_in_millimetres() -> None:
+    lift = MODEL.replace('name="elbow"', 'name="elbow" type="slide"')
+    message = "over 50 m: looks like millimetres; divide it by 1000. "
+    for limits, remedy in (("", "Where it goes so far, give"), (RANGE, "The joint .* ends at 2 m")):
+        slide = robot_from_spec(mujoco.MjSpec.from_string(lift.format(limits)), "arm.xml")
+        with pytest.raises(InputError, match=message + remedy):
+            with_checked_extent(slide, log(TURNED, velocity=SPEED, velocity_target=SPEED))
+
+
 class TestCompare:
     @pytest.fixture
     def arm(self, tmp_path: Path) -> Path:
@@ -259,6 +327,14 @@ class TestCompare:
         proper = log(position, target, velocity=np.gradient(position, TIME))
         with pytest.raises(InputError, match=f"'{column}'.*looks like degrees"):
             compare(arm, [times(proper, column, 180 / np.pi)])
+
+    def test_takes_a_wheel(self, arm: Path) -> None:
+        text = MODEL.format("").replace("<position", "<velocity").replace('kp="20" ', "")
+        arm.write_text(text, encoding="utf-8")
+        wheel = log(TURNED, velocity=SPEED, velocity_target=SPEED)
+        wrapped = np.arctan2(np.sin(TURNED), np.cos(TURNED))
+        for recording in (wheel, replace(wheel, columns={**wheel.columns, POSITION: wrapped})):
+            assert compare(arm, [recording]).gap.position.before < 2.0
 
     def test_tells_of_a_gear_and_of_a_sign(self, arm: Path) -> None:
         position, target = lagging(chirp())
@@ -278,5 +354,6 @@ def test_logs_of_real_hardware_pass(real_logs: Path) -> None:
         real = load_robot(real_logs / model)
         for path in sorted(real_logs.glob(pattern)):
             recording = Recording.load(path)
+            assert with_checked_extent(real, recording) is recording
             assert with_checked_angles(real, recording) is recording
             assert with_checked_velocities(real, recording) is recording

@@ -581,6 +581,22 @@ def test_an_effort_that_the_drive_does_not_report_is_not_compared(
     assert any("Columns that nothing uses: knee/effort" in note for note in found.notes)
 
 
+def test_an_effort_that_repeats_its_command_is_not_compared(tmp_path: Path) -> None:
+    model = tmp_path / "motor.xml"
+    model.write_text(MOTOR)
+    logged = jolted()
+    echoing = [
+        replace(one, columns={**one.columns, EFFORT: 2 * one.columns["knee/effort_target"]})
+        for one in logged
+    ]
+    found, expected = (workflow.compare(model, some, n_threads=1) for some in (echoing, logged))
+    assert found.gap == expected.gap
+    assert set(found.gap.signals) == {"position"}
+    told = " ".join(found.notes)
+    assert "a: knee/effort is knee/effort_target times 2, so it tells nothing of the drive" in told
+    assert "Columns that nothing uses: knee/effort." in told
+
+
 def test_a_joint_that_never_moves_does_not_hide_the_others(tmp_path: Path) -> None:
     model = tmp_path / "room.xml"
     model.write_text(ROOM)

@@ -203,6 +203,7 @@ def test_what_is_wrong_before_the_work_stops_it(robots: Path, tmp_path: Path) ->
     for options, says in (
         ({"effects": ["torque_bia"]}, "torque_bia"),
         ({"window": 0.0}, "window is 0.0 s"),
+        ({"window": "1 s"}, "window is '1 s'; give a positive number"),
         ({"engine": "spark"}, "'spark'"),
     ):
         with pytest.raises(gap.InputError, match=says):

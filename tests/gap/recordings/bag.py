@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +30,23 @@ def joint_state(stamp: int, position: list[float], **more: Any) -> Any:
 
 
 def trajectory(stamp: int, position: list[float]) -> Any:
-    point = STORE.types["trajectory_msgs/msg/JointTrajectoryPoint"](
-        positions=np.array(position, float),
-        velocities=np.zeros(0),
-        accelerations=np.zeros(0),
-        effort=np.zeros(0),
-        time_from_start=STORE.types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0),
-    )
+    return trajectory_of(stamp, [(0.0, {"positions": position})])
+
+
+def trajectory_of(stamp: int, points: Sequence[tuple[float, Mapping[str, Any]]]) -> Any:
+    """A trajectory through points, each of a time from its start [s] and some of its fields."""
+    fields = ("positions", "velocities", "accelerations", "effort")
+    made = [
+        STORE.types["trajectory_msgs/msg/JointTrajectoryPoint"](
+            **{field: np.array(given.get(field, ()), float) for field in fields},
+            time_from_start=STORE.types["builtin_interfaces/msg/Duration"](
+                sec=int(time), nanosec=round(time % 1 * 1e9)
+            ),
+        )
+        for time, given in points
+    ]
     return STORE.types["trajectory_msgs/msg/JointTrajectory"](
-        header=header(stamp), joint_names=list(JOINTS), points=[point]
+        header=header(stamp), joint_names=list(JOINTS), points=made
     )
 
 
@@ -58,7 +67,12 @@ def positions(seconds: float) -> list[float]:
 
 
 def write_bag(
-    path: Path, commands: Any = command, *, mcap: bool = True, seconds: float = 1.0
+    path: Path,
+    commands: Any = command,
+    *,
+    states: Any = joint_state,
+    mcap: bool = True,
+    seconds: float = 1.0,
 ) -> Path:
     """States at 200 Hz, commands at 50 Hz that begin a little later."""
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
@@ -66,7 +80,7 @@ def write_bag(
         topics: dict[str, Any] = {}
         for k in range(round(seconds * 200)):
             stamp = EPOCH + k * 5_000_000
-            sent = [("/joint_states", joint_state(stamp, positions(k / 200), effort=[1.0, k]))]
+            sent = [("/joint_states", states(stamp, positions(k / 200), effort=[1.0, k]))]
             if k >= 10 and k % 4 == 2:
                 sent.append(("/joint_commands", commands(stamp, positions(k / 200 + 0.05))))
             for topic, message in sent:

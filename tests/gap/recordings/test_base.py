@@ -4,7 +4,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from walkerkit.gap.recordings.base import BaseState, angles, base_signal, missing, turned
+from walkerkit.gap.recordings.base import (
+    BaseState,
+    angles,
+    base_signal,
+    missing,
+    turned,
+    with_checked_base,
+)
 from walkerkit.gap.recordings.recording import Recording
 
 BOX = """
@@ -79,6 +86,14 @@ def test_a_logged_velocity_is_used_and_one_in_the_wrong_frame_is_not():
         mujoco.mju_rotVecQuat(in_body[row, :3], velocity[:3], inverse)
     state = BaseState(log(time, poses, in_body))
     assert state.contradictions == ("base/linear_velocity_x",)
+    (note,) = with_checked_base(log(time, poses, in_body)).notes
+    assert note.startswith("base/linear_velocity_x, _y and _z contradict how the base's pose")
+    assert "log them in the world's frame" in note
+    (note,) = with_checked_base(log(time, poses, velocities * [1, 1, 1, 3, 3, 3])).notes
+    assert note.startswith("base/angular_velocity_x, ")
+    assert "log them in the base's frame" in note
+    for fine in (log(time, poses), log(time, noisy, velocities)):
+        assert with_checked_base(fine) is fine
     np.testing.assert_allclose(state.at(time[50:-50])[1], velocities[50:-50], atol=STEP)
 
 

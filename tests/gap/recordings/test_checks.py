@@ -15,6 +15,7 @@ from walkerkit.gap.recordings.checks import (
     check_window,
     lopsided,
     source,
+    without_echoes,
     without_placeholders,
 )
 from walkerkit.gap.recordings.manifest import Experiment
@@ -101,6 +102,42 @@ def test_efforts_that_are_never_measured_are_dropped() -> None:
     assert first.recordings[0].unused == ("knee/effort",)
     assert set(other.columns) - set(first.recordings[1].columns) == {"knee/effort"}
     assert second.recordings[0] is moving
+
+
+def test_what_nothing_reads_is_listed_as_unused() -> None:
+    current = log("other", knee__current=np.arange(40), voltage=24.0)
+    (found,) = without_placeholders([Experiment(model="a.xml", recordings=(log(), current))])
+    assert found.recordings[0].unused == ()
+    assert found.recordings[1].unused == ("knee/current", "voltage")
+    assert list(found.recordings[1].columns) == list(log().columns)
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1.0, "effort_target again"), (-0.5, "effort_target times -0.5")]
+)
+def test_efforts_that_repeat_their_commands_are_dropped_and_told(factor: float, words: str) -> None:
+    sent = np.cos(np.arange(40) / 7)
+    echo = log(knee__effort=np.round(factor * sent, 6), knee__effort_target=sent)
+    found = without_echoes(echo, ["knee"])
+    assert set(echo.columns) - set(found.columns) == {"knee/effort"}
+    assert found.unused == ("knee/effort",)
+    (note,) = found.notes
+    assert words in note
+    assert "not compared. Log what the drive measures" in note
+    # A servo makes more than the effort that it is told.
+    assert without_echoes(echo, []) is echo
+
+
+def test_efforts_that_are_measured_are_kept() -> None:
+    sent = np.cos(np.arange(40) / 7)
+    noise = np.random.default_rng(0).normal(0, 1e-3, 40)
+    for effort in (sent + noise, np.clip(sent, -0.99, 0.99), np.roll(sent, 1), sent + 0.01):
+        measured = log(knee__effort=effort, knee__effort_target=sent)
+        assert without_echoes(measured, ["knee"]) is measured
+    # Of what never changes nobody knows.
+    held = log(knee__effort=1.0, knee__effort_target=1.0)
+    assert without_echoes(held, ["knee"]) is held
+    assert without_echoes(log(), ["knee"]).unused == ()
 
 
 def test_a_recording_is_known_by_its_file_or_its_name(tmp_path: Path) -> None:

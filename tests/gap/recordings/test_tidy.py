@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
-from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.tidy import tidied
 
@@ -57,15 +57,36 @@ def test_angles_that_wrap_are_unwrapped(offset: float) -> None:
     assert "knee/position_target jumps by a turn" in " ".join(found.notes) or not offset
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("share", [1.0, 0.6])
+def test_a_target_that_wraps_is_unwrapped_however_it_is_followed(sign: int, share: float) -> None:
+    angle = 5 * TIME
+    found = tidied(log(sign * share * late(angle, 30), wrapped(angle)))
+    np.testing.assert_allclose(found.columns["knee/position_target"], angle, atol=1e-9)
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+@pytest.mark.parametrize("step", [2 * np.pi, -2 * np.pi, 6.0])
+def test_a_commanded_turn_is_no_wrap(step: float, wraps: bool) -> None:
+    target = step * ((TIME > 1) & (TIME < 3))
+    turned = lfilter([0.01], [1, -0.99], target)
+    recording = log(wrapped(noisy(turned)) if wraps else noisy(turned), target)
+    found = tidied(recording)
+    np.testing.assert_array_equal(found.columns["knee/position_target"], target)
+    np.testing.assert_allclose(found.columns["knee/position"], turned, atol=5e-3)
+    assert not any("position_target" in note for note in found.notes)
+
+
 def test_turns_between_a_reading_and_its_target_are_taken_away() -> None:
     found = tidied(log(late(TARGET, 5) + 4 * np.pi))
     np.testing.assert_allclose(found.columns["knee/position"], late(TARGET, 5), atol=1e-12)
     assert found.notes == ("knee/position is +2 turns from its target; they were taken away",)
 
 
-def test_a_wheel_that_turns_too_often_is_refused() -> None:
-    with pytest.raises(InputError, match=r"'knee/position' wraps 10 times, .* Cut it into shorter"):
-        tidied(log(wrapped(15 * TIME)))
+def test_a_wheel_may_turn_as_often_as_it_likes() -> None:
+    found = tidied(log(wrapped(40 * TIME)))
+    np.testing.assert_allclose(found.columns["knee/position"], 40 * TIME, atol=1e-9)
+    assert found.notes[0].startswith("knee/position jumps by a turn 25 times, first at 0.08 s")
 
 
 def test_a_saturated_encoder_is_told() -> None:
