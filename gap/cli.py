@@ -191,7 +191,11 @@ def diagnose_fleet(
     effect: Effects = None,
     threads: Annotated[int, typer.Option(min=1, help="Threads of each simulation.")] = 1,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Diagnose again what DIR has of the same input.")
+        bool,
+        typer.Option(
+            "--overwrite",
+            help="Diagnose again what DIR has of the same input, and replace what no fleet left.",
+        ),
     ] = False,
     allow_code: AllowCode = False,
     allow_outside: AllowOutside = False,

@@ -40,7 +40,7 @@ from walkerkit.gap.recordings.tidy import tidied
 from walkerkit.gap.report.claim import claimed, run_key
 from walkerkit.gap.report.diagnosis import Diagnosis
 from walkerkit.gap.report.notes import warning_notes
-from walkerkit.gap.report.output import main_files
+from walkerkit.gap.report.output import DIAGNOSES, main_files
 from walkerkit.gap.report.result import Result, summarise
 from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
@@ -124,7 +124,7 @@ def diagnose(
     progress: Progress | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
-    kind: str = "diagnosis",
+    kind: str = DIAGNOSES,
 ) -> Result:
     """Finds where simulation and recordings disagree, names why, and mends the model.
 
