@@ -689,6 +689,27 @@ def test_simulate_records_what_diagnose_reads(run: Run, folder: Path) -> None:
     assert named["parameters"][0]["value"] == pytest.approx(value, rel=0.05)
 
 
+def test_simulate_replaces_rehearsals_only(run: Run, folder: Path) -> None:
+    few = ("simulate", "servo.xml", "--hide", "none", "--seconds", 1, "--out")
+    assert run(*few, "logs").status == 0
+    first = (folder / "logs/steps.csv").read_bytes()
+    assert run(*few, "logs", "--seed", 1).status == 0
+    assert (folder / "logs/steps.csv").read_bytes() != first
+    (folder / "mine").mkdir()
+    own = folder / "mine/steps.csv"
+    own.write_text("mine")
+    refused(run(*few, "mine"), "mine/steps.csv: is in the way", "--out", "--overwrite")
+    assert [path.name for path in (folder / "mine").iterdir()] == ["steps.csv"]
+    assert own.read_text() == "mine"
+    assert run(*few, "mine", "--overwrite").status == 0
+    assert own.read_bytes() == first
+    # A rehearsal is not lost to a diagnosis of it, either.
+    diagnose = ("diagnose", "servo.xml", "logs/chirp.csv", "--effect", "armature", "--out", "logs")
+    refused(run(*diagnose), "logs: has .walkerkit-run.json of another run", "--overwrite")
+    assert run(*diagnose, "--overwrite").status == 0
+    assert (folder / "logs/chirp.csv").exists()
+
+
 @pytest.mark.parametrize(
     "given",
     [
