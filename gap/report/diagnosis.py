@@ -246,7 +246,13 @@ class Diagnosis:
                 },
             },
             "locations": [
-                {"joint": at.joint, "regime": at.regime, "share": at.share, "lift": at.lift}
+                {
+                    "joint": at.joint,
+                    "regime": at.regime,
+                    "signal": at.signal,
+                    "share": at.share,
+                    "lift": at.lift,
+                }
                 for at in self.locations
             ],
             "effects": [_effect(named) for named in self.effects],

@@ -115,6 +115,7 @@ class Location:
         regime: when, e.g. `velocity_reversal`.
         share: part of the squared gap of all joints that falls there.
         lift: that part over the part of the samples.
+        signal: whose gap, `position` or `effort`.
         rms: root-mean-square gap there, in the joint's unit; not in the JSON.
     """
 
@@ -122,6 +123,7 @@ class Location:
     regime: str
     share: float
     lift: float
+    signal: str = "position"
     rms: float = float("nan")
 
 

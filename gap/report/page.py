@@ -67,6 +67,7 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
         "headline": _headline(diagnosis),
         "maps": _maps(diagnosis),
         "places": _places(diagnosis),
+        "places_of": wording.words(next((at.signal for at in diagnosis.locations), "position")),
         "sizes": _sizes(diagnosis),
         "estimates": [_estimates(named) for named in diagnosis.effects],
         "explanations": [

@@ -117,6 +117,16 @@ def test_the_map_is_a_table_that_needs_no_pointer(leg: LegDiagnosis, tmp_path: P
     assert cells[1]["class"] in ("l0", "l1")  # what remains, in the same shades
 
 
+@pytest.mark.parametrize("signal", ["position", "effort"])
+def test_places_are_said_to_be_of_the_signal_that_they_are_of(
+    leg: LegDiagnosis, tmp_path: Path, signal: str
+) -> None:
+    diagnosis = leg()
+    found = tuple(replace(at, signal=signal) for at in diagnosis.locations)
+    page = read(replace(diagnosis, locations=found), tmp_path)
+    assert f"of the squared {signal} gap" in page.text
+
+
 def test_held_out_recordings_come_first_and_the_worst_joint_is_shown(
     leg: LegDiagnosis, tmp_path: Path
 ) -> None:
