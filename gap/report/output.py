@@ -15,7 +15,7 @@ from typing import Any
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.report.experiments import mended_experiments
 from walkerkit.gap.report.page import write_report
 from walkerkit.gap.report.planner import FILE as TARGETS
 from walkerkit.gap.report.planner import MODEL as CHANGED
@@ -202,13 +202,14 @@ def _write(result: Result, folder: Path) -> None:
         }
     _write_text(folder / FILE, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
     if len(names) > 1:
-        _write_text(folder / MANIFEST, _manifest(result, names))
+        _write_text(folder / MANIFEST, mended_experiments(result.problem, names))
     write_report(
         result.diagnosis,
         folder / REPORT,
         title=result.robots[0].stem,
         catalogue=CATALOGUE,
         models=names,
+        experiments=result.next_experiments,
     )
     _write_text(folder / DIAGNOSIS, result.diagnosis.to_json())
 
@@ -242,28 +243,6 @@ def model_names(robots: Sequence[Robot]) -> list[str]:
             name = f"model_{robot.stem}_{number}.xml"
         names.append(name)
     return names
-
-
-def _manifest(result: Result, names: Sequence[str]) -> str:
-    """The same recordings with the mended models, for `walkerkit compare`."""
-    parts = []
-    groups = zip(names, result.problem.fit.recordings, result.problem.held.recordings, strict=True)
-    for name, fitted, held in groups:
-        parts.append("[[experiment]]")
-        parts.append(f"model = {json.dumps(name)}")
-        listed = _files(fitted)
-        # Blocks of one recording in both halves: whoever reads this cuts it in the same way.
-        others = [file for file in _files(held) if file not in listed]
-        for key, files in (("recordings", listed), ("held_out", others)):
-            if files:
-                parts.append(f"{key} = {json.dumps(files, ensure_ascii=False)}")
-        parts.append("")
-    return "\n".join(parts)
-
-
-def _files(recordings: Sequence[Recording]) -> list[str]:
-    """The files that recordings, or parts of them, come from; each once."""
-    return list(dict.fromkeys(str(Path(r.source).resolve()) for r in recordings if r.source))
 
 
 def _next_experiment(

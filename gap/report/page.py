@@ -34,6 +34,7 @@ def write_report(
     title: str,
     catalogue: Mapping[str, Effect] | None = None,
     models: Sequence[str] = ("model.xml",),
+    experiments: str = "",
 ) -> None:
     """Writes the report.
 
@@ -43,6 +44,7 @@ def write_report(
         title: heading of the page, e.g. the model's name.
         catalogue: where the equations of the named effects are looked up; None leaves them out.
         models: names of the mended models that lie beside the report; none where nothing does.
+        experiments: an experiments.toml to diagnose again with the next experiment, or "".
 
     Raises:
         OSError: the file cannot be written.
@@ -53,6 +55,7 @@ def write_report(
         **_content(diagnosis, catalogue or {}),
         title=wording.label(title),
         models=[wording.label(name) for name in models],
+        experiments=experiments,
     )
 
 

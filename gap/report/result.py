@@ -16,6 +16,7 @@ from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import Considered, Diagnosis, NamedEffect, Verdict
 from walkerkit.gap.report.effort_scale import effort_scales
+from walkerkit.gap.report.experiments import next_experiments
 from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import standing_out
 from walkerkit.gap.report.named import confusion_set, named_effects
@@ -100,6 +101,14 @@ class Result:
         return self.diagnosis.notes
 
     @property
+    def next_experiments(self) -> str:
+        """An experiments.toml with what is here and what to record next; "" where it needs none."""
+        wanted = self.diagnosis.next_experiment
+        if wanted is None or wanted.model is None:
+            return ""
+        return next_experiments(self.problem, wanted.model)
+
+    @property
     def mended(self) -> Mapping[str, Mended]:
         """The mended robots by the names of their models, to go on with."""
         return mended_by_name(self.robots)
@@ -153,7 +162,14 @@ class Result:
         path, title = Path(path), self.robots[0].stem
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_report(self.diagnosis, path, title=title, catalogue=CATALOGUE, models=())
+            write_report(
+                self.diagnosis,
+                path,
+                title=title,
+                catalogue=CATALOGUE,
+                models=(),
+                experiments=self.next_experiments,
+            )
         except OSError as error:
             raise InputError(
                 f"{path}: cannot be written ({error.strerror}). Give another file."

@@ -175,13 +175,17 @@ def test_an_experiment_with_a_model_of_its_own_comes_with_its_manifest(
         instruction="Put 0.5 kg on body shin.",
         model="next_experiment.xml",
     )
-    write_report(replace(confused, next_experiment=payload), tmp_path / "r.html", title="leg")
+    again = '[[experiment]]\nmodel = "<a> & b.xml"\n'
+    write_report(
+        replace(confused, next_experiment=payload),
+        tmp_path / "r.html",
+        title="leg",
+        experiments=again,
+    )
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    found = re.search(r"<code>(# experiments.toml.*?)</code>", page, re.DOTALL)
+    found = re.search(r"<code>(\[\[experiment.*?)</code>", page, re.DOTALL)
     assert found is not None
-    manifest = tomllib.loads(html.unescape(found[1]))
-    assert [one["model"] for one in manifest["experiment"]] == ["leg.xml", "next_experiment.xml"]
-    assert manifest["experiment"][0]["recordings"] == ["chirp.csv", "steps.csv", "walk.csv"]
+    assert tomllib.loads(html.unescape(found[1])) == tomllib.loads(again)
 
 
 def test_models_are_used_where_they_are(leg: LegDiagnosis, tmp_path: Path) -> None:
