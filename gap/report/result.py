@@ -21,7 +21,7 @@ from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import standing_out
 from walkerkit.gap.report.named import confusion_set, named_effects
 from walkerkit.gap.report.notes import notes
-from walkerkit.gap.report.planner import Plan, next_experiment
+from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
 from walkerkit.gap.report.replayed import (
     gap_maps,
     gap_of,
@@ -257,6 +257,7 @@ def summarise(
             for candidate in one.candidates
         ),
         next_experiment=following.experiment if following else None,
+        obstacle=obstacle(problem),
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
         notes=tuple(
             notes(

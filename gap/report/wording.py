@@ -267,7 +267,7 @@ def advice(diagnosis: Diagnosis) -> str:
     if wanted is None:
         if not doubts(diagnosis):
             return ""
-        return (
+        return diagnosis.obstacle or (
             "No experiment of the battery that this robot can be put through is predicted to tell "
             "them apart with the signals that were logged."
         )

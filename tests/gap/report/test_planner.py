@@ -300,6 +300,26 @@ def test_there_is_none_for_joints_of_which_some_take_no_targets(tmp_path: Path) 
     mixed = problem(tmp_path / "mixed.xml", [Recording(name="log", time=time, columns=columns)])
     members = [member(mixed, "viscous_friction", 0.2), member(mixed, "coulomb_friction", 0.1)]
     assert next_experiment(mixed, members) is None
+    assert "all sent positions, all velocities, or all efforts" in planner.obstacle(mixed)
+
+
+@pytest.mark.parametrize("joints", [2, 3])
+def test_nobody_holds_three_joints_that_take_effort(tmp_path: Path, joints: int) -> None:
+    names = [f"joint_{k}" for k in range(joints)]
+    inner = ""
+    for name in reversed(names):
+        link = f'<joint name="{name}" axis="0 1 0"/><geom size="0.03" pos="0 0 -0.1"/>{inner}'
+        inner = f'<body pos="0 0 -0.2">{link}</body>'
+    motors = "".join(f'<motor joint="{name}"/>' for name in names)
+    text = f"<mujoco><worldbody>{inner}</worldbody><actuator>{motors}</actuator></mujoco>"
+    (tmp_path / "chain.xml").write_text(text)
+    time = np.arange(0.0, 2.0, 0.004)
+    columns = {f"{name}/position": 0.3 * np.cos(5 * time) for name in names}
+    columns |= {f"{name}/effort_target": 0.1 * np.sin(5 * time) for name in names}
+    chain = problem(tmp_path / "chain.xml", [Recording(name="log", time=time, columns=columns)])
+    told = planner.obstacle(chain)
+    assert ("one or two joints on a base that stands still" in told) == (joints > 2)
+    assert bool(told) == (joints > 2)
 
 
 @pytest.mark.parametrize("pushed", [False, True])

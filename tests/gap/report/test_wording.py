@@ -137,6 +137,8 @@ def test_no_next_experiment_is_told_where_one_is_wanted(
     leg: LegDiagnosis, confused: Diagnosis
 ) -> None:
     assert wording.advice(leg()) == ""
+    barred = replace(confused, next_experiment=None, obstacle="No hands.")
+    assert wording.advice(barred) == "No hands."
     none = wording.advice(replace(confused, next_experiment=None))
     assert none.startswith("No experiment of the battery")
 
