@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from tests import pages
 from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.report.wording import VALUES
 
 # What stands in for the leg of `make demo`: one joint, so that the whole catalogue is quick.
 SHANK = """
@@ -43,6 +45,17 @@ def test_every_block_of_the_pages_runs(repository: Path, tmp_path: Path, page: s
     pages.run(blocks, tmp_path)
 
 
-def test_names_every_effect_of_the_catalogue(repository: Path) -> None:
-    text = (repository / "README.md").read_text(encoding="utf-8")
-    assert [name for name in CATALOGUE if f"`{name}`" not in text] == []
+@pytest.mark.parametrize("page", ["README.md", "docs/concepts.md", "docs/report.md"])
+def test_says_of_values_what_the_report_does(repository: Path, page: str) -> None:
+    text = (repository / page).read_text(encoding="utf-8").replace("`", "")
+    assert VALUES in " ".join(text.split())
+
+
+def test_says_of_every_effect_what_the_catalogue_does(repository: Path) -> None:
+    rows = {}
+    for line in (repository / "README.md").read_text(encoding="utf-8").splitlines():
+        cells = [cell.replace("\\|", "|") for cell in re.split(r"(?<!\\) ?\| ?", line)[1:-1]]
+        if len(cells) == 3:
+            rows[cells[0].strip("`")] = cells[1:]
+    said = {name: rows.get(name) for name in CATALOGUE}
+    assert said == {name: [one.equation, one.symptom] for name, one in CATALOGUE.items()}

@@ -78,6 +78,8 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
             for name in dict.fromkeys(named.effect for named in diagnosis.effects)
             if name in catalogue
         ],
+        "values": wording.VALUES,
+        "sure": wording.SURE,
         "warnings": wording.warnings(diagnosis),
         "rounds": _rounds(diagnosis.considered),
         "doubts": [_tight(doubt) for doubt in wording.doubts(diagnosis)],

@@ -21,6 +21,14 @@ WARNINGS = {
     AT_BOUND: "A value at its bound ran into the limit of its range: it is no estimate, without ±.",
     NOT_IDENTIFIABLE: "A value that is not determined has no ±: others fit as well.",
 }
+VALUES = (
+    "Values are added to what the model has, except limits, rest angles, timesteps and the numbers "
+    "of laws in actuators.json, which are what they say."
+)
+SURE = (
+    "“Sure” is how often resampled recordings prefer the effect to its rivals; less where a gap is "
+    "left, and where several effects may together stand in for one that the catalogue lacks."
+)
 TITLES = {
     "explained": "Explained",
     "partly_explained": "Partly explained",
