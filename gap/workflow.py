@@ -296,6 +296,7 @@ def prepare(
             for recording in experiment.recordings
         )
         suiting.append(replace(experiment, recordings=fitting))
+    _check_shared_joints(robots, suiting)
     experiments = without_placeholders(suiting)
     for robot, experiment in zip(robots, experiments, strict=True):
         check_size(robot.model, robot.source, experiment.recordings)
@@ -336,6 +337,21 @@ def prepare(
             "fitted, but not in both. Hold out others, or none, so that each half has it."
         )
     return setup.split_in_time()
+
+
+def _check_shared_joints(robots: Sequence[Robot], experiments: Sequence[Experiment]) -> None:
+    """Raises InputError where a model lacks a joint that another model's recordings measure."""
+    for measured, experiment in zip(robots, experiments, strict=True):
+        for joint in dict.fromkeys(j for r in experiment.recordings for j in r.joints):
+            for robot in robots:
+                if joint not in robot.joints:
+                    raise InputError(
+                        f"{robot.source}: the model has no joint {joint!r}"
+                        f"{closest(joint, robot.joints)}, which the recordings of "
+                        f"{measured.source} measure. All models of a manifest share the effects: "
+                        "give them joints of the same names, or diagnose them one by one or as a "
+                        "fleet (walkerkit diagnose-fleet)."
+                    )
 
 
 def effect_names(names: str | Sequence[str] | None) -> tuple[str, ...] | None:
