@@ -159,12 +159,14 @@ class _Bench:
                 if np.abs(series).max() > (1 + _BEYOND) * excursion.effort:
                     return False
                 continue
-            margin = _BEYOND * excursion.range
+            limited = self.robot.model.jnt_limited[joint.id]
+            # A slide whose stops the model does not know may have them right there.
+            margin = _BEYOND * excursion.range if limited or not joint.slide else 0.0
             low, high = excursion.lower - margin, excursion.upper + margin
             if channel.joint in set_up.released and not joint.slide:
                 # It may swing through: all that a hinge can do is what its stops leave it.
                 low, high = -np.inf, np.inf
-            if self.robot.model.jnt_limited[joint.id]:
+            if limited:
                 stops = self.robot.model.jnt_range[joint.id]
                 low, high = max(low, float(stops[0])), min(high, float(stops[1]))
             if series.min() < low or series.max() > high:

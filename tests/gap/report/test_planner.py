@@ -207,6 +207,34 @@ def test_what_would_fall_is_not_let_go(tmp_path: Path) -> None:
     assert planned is None or planned.experiment.set_up != "motor_off"
 
 
+@pytest.mark.parametrize(
+    ("lift", "limited", "beyond", "safe"),
+    [
+        (False, False, 0.2, True),
+        (False, False, 0.3, False),
+        (True, False, 0.0, True),
+        (True, False, 0.01, False),
+        (True, True, 0.2, True),
+        (True, True, 0.24, False),
+    ],
+)
+def test_a_slide_goes_beyond_where_it_has_been_only_within_its_range(
+    tmp_path: Path, lift: bool, limited: bool, beyond: float, safe: bool
+) -> None:
+    moved = driven(tmp_path, 'velocity joint="knee" kv="1"', lift=lift)
+    bench = planner._Bench(moved, [member(moved, "viscous_friction", 0.1)] * 2)
+    (as_it_is, *_) = planner.set_ups(
+        bench.robot, ["knee"], concerned=["knee"], efforts=True, excitations=["steps"]
+    )
+    reached = bench.robot.excursion("knee")
+    bench.robot.model.jnt_limited[:] = limited
+    bench.robot.model.jnt_range[:] = reached.lower, reached.upper + 0.22 * reached.range
+    position = bench.channels.index(Channel(joint="knee", signal="position"))
+    predicted = np.zeros((2, 5, len(bench.channels)))
+    predicted[..., position] = reached.upper + beyond * reached.range
+    assert bench.is_safe(predicted, as_it_is) is safe
+
+
 def test_a_motor_that_takes_effort_is_switched_off_to_tell_its_joint_s_frictions(
     tmp_path: Path,
 ) -> None:
