@@ -8,8 +8,11 @@ from pathlib import Path
 import pytest
 
 from tests import pages
+from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.rehearsal.rehearse import rehearse
 from walkerkit.gap.report.wording import VALUES
+from walkerkit.walkers.leg import LEG_XML
 
 # What stands in for the leg of `make demo`: one joint, so that the whole catalogue is quick.
 SHANK = """
@@ -36,6 +39,24 @@ def test_every_block_runs(repository: Path, tmp_path: Path) -> None:
     hidden = "--hide viscous_friction --seconds 1"
     demo = f"walkerkit simulate walkerkit-demo/leg.xml {hidden} --out walkerkit-demo/recordings"
     pages.run([("bash", demo), *blocks], tmp_path)
+
+
+def test_shows_what_the_command_prints(repository: Path) -> None:
+    """Word for word; numbers may differ in their last digits from machine to machine."""
+    (shown,) = re.findall(
+        r"^```text\n(Explained.*?)^```$",
+        (repository / "README.md").read_text(encoding="utf-8"),
+        re.MULTILINE | re.DOTALL,
+    )
+    # As `walkerkit demo` records it. That the whole catalogue ends with this effect takes minutes.
+    recordings = rehearse(LEG_XML, seed=0).recordings
+    found = gap.diagnose(LEG_XML, recordings, effects=["viscous_friction"])
+    printed = f"{found}\nWritten to diagnosis"
+    assert words(shown) == words(printed)
+
+
+def words(text: str) -> list[str]:
+    return re.sub(r"\d[\d.]*", "#", text.replace("─", "")).split()
 
 
 @pytest.mark.parametrize("page", ["actuators", "fleet", "gap", "walkers"])
