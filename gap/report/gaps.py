@@ -43,11 +43,12 @@ class GapSize:
 
     @property
     def closed(self) -> float:
-        """How much of the way to the floor was gone, as of ratios, 0 to 1."""
+        """How much of the way to the floor was gone, as of ratios, 0 to 1; 0 of none."""
         if self.at_floor:
             return 1.0
-        whole = math.log(max(self.before / self.floor, 1.0 + 1e-9))
-        return min(max(math.log(self.before / self.after) / whole, 0.0), 1.0)
+        if not 0.0 < self.floor < self.before or self.after >= self.before:
+            return 0.0
+        return math.log(self.before / self.after) / math.log(self.before / self.floor)
 
     @property
     def mostly_closed(self) -> bool:
@@ -103,7 +104,9 @@ class Gap:
         finer, size = self.finer_position, self.position
         if finer is None or finer.at_floor or replace(size, numerical_floor=0.0).at_floor:
             return 1.0
-        return min(max(math.log(size.before / size.numerical_floor, _CLEARLY), 0.0), 1.0)
+        if size.before <= size.numerical_floor:
+            return 0.0
+        return min(math.log(size.before / size.numerical_floor, _CLEARLY), 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
