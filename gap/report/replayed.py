@@ -107,7 +107,6 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
         position=position,
         horizon=problem.window,
         finer_position=finer_position,
-        held_out=True,
         joints={c.joint: size([c]) for c in positions},
         signals={name: size([c for c in channels if c.quantity == name]) for name in signals},
         scored=tuple(dict.fromkeys(c.quantity for c in problem.channels)),

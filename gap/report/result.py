@@ -276,11 +276,7 @@ def summarise(
         seconds=seconds,
         searched=searched,
         only=only,
-        held_out=tuple(
-            dict.fromkeys(r.name for group in problem.held.recordings for r in group)
-            if gap.held_out
-            else ()
-        ),
+        held_out=tuple(dict.fromkeys(r.name for group in problem.held.recordings for r in group)),
     )
     return Result(
         diagnosis=diagnosis,

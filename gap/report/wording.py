@@ -228,18 +228,15 @@ def _shrinks(size: GapSize) -> bool:
 def basis(diagnosis: Diagnosis) -> str:
     """On what the gap was measured."""
     gap = diagnosis.gap
-    data = "on the recordings that were fitted, so that it flatters the model"
-    if gap.held_out:
-        whole = {*diagnosis.held_out} <= {*diagnosis.recordings}
-        names = f" ({listed(_some(diagnosis.held_out))})" if diagnosis.held_out else ""
-        what = f"recordings{names}" if whole else "blocks of time of the recordings"
-        data = f"on held-out {what}, which no fit has seen"
+    whole = {*diagnosis.held_out} <= {*diagnosis.recordings}
+    names = f" ({listed(_some(diagnosis.held_out))})" if diagnosis.held_out else ""
+    what = f"recordings{names}" if whole else "blocks of time of the recordings"
     replay = (
         "over whole rollouts"
         if gap.horizon is None
         else f"over windows of {gap.horizon:g} s that restart from the measured state"
     )
-    return f"Root-mean-square error, {data}, {replay}."
+    return f"Root-mean-square error, on held-out {what}, which no fit has seen, {replay}."
 
 
 def doubts(diagnosis: Diagnosis) -> tuple[str, ...]:
