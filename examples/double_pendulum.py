@@ -8,10 +8,10 @@ The joints are driven by effort, so the replays restart from the measured state 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from _arguments import argument
 from _data import folder
 
 from walkerkit import gap
@@ -33,4 +33,4 @@ def main(out: Path, effects: Sequence[str] | None = None) -> gap.Result:
 
 
 if __name__ == "__main__":
-    print(main(Path(sys.argv[1] if len(sys.argv) > 1 else "double_pendulum-diagnosis")))
+    print(main(argument(__doc__, "OUT", Path("double_pendulum-diagnosis"))))

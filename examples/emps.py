@@ -12,11 +12,11 @@ In the catalogue that is `asymmetric_friction`; what the diagnosis says of it is
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from _arguments import argument
 from _data import folder
 
 from walkerkit import gap
@@ -72,7 +72,7 @@ def on_asymmetric_friction(result: gap.Result) -> str:
 
 
 if __name__ == "__main__":
-    found = main(Path(sys.argv[1] if len(sys.argv) > 1 else "emps-diagnosis"))
+    found = main(argument(__doc__, "OUT", Path("emps-diagnosis")))
     print(found)
     before, after = relative_effort_error(found)
     print(f"relative effort error on pulses.csv: {before:.1%} before, {after:.1%} after")

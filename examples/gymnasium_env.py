@@ -10,10 +10,10 @@ same way.
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import gymnasium
+from _arguments import argument
 from shimmy import DmControlCompatibilityV0
 
 from walkerkit.tasks import JointPositionAction, suite
@@ -62,4 +62,4 @@ def main(episodes: int) -> list[float]:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 3)
+    main(argument(__doc__, "EPISODES", 3))

@@ -8,13 +8,13 @@ Needs matplotlib, which `make` installs for developers.
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
 import matplotlib as mpl
 import numpy as np
+from _arguments import argument
 from matplotlib import pyplot as plt
 
 from walkerkit.gap.rehearsal.demo import run
@@ -66,4 +66,4 @@ def main(seed: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 0)
+    main(argument(__doc__, "SEED", 0))

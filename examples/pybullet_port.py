@@ -17,13 +17,13 @@ Three of PyBullet's defaults have to be undone before the two simulators agree, 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pybullet
+from _arguments import argument
 
 from walkerkit import gap
 from walkerkit.tasks.excitation import BATTERY
@@ -280,4 +280,4 @@ def _text(numbers: Sequence[float]) -> str:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "pybullet-port"))
+    main(argument(__doc__, "OUT", Path("pybullet-port")))

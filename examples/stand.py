@@ -9,12 +9,12 @@ late. The table has each joint's effort: its root mean square, its peak, the mot
 from __future__ import annotations
 
 import os
-import sys
 from dataclasses import dataclass
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
 import numpy as np
+from _arguments import argument
 from dm_control import composer
 from numpy.typing import NDArray
 
@@ -83,4 +83,4 @@ def main(seconds: float = 10.0) -> dict[str, Stood]:
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else 10.0)
+    main(argument(__doc__, "SECONDS", 10.0))

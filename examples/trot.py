@@ -9,7 +9,6 @@ drifts.
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 os.environ.setdefault("MUJOCO_GL", "disable")
 
 import numpy as np
+from _arguments import argument
 from dm_control import composer
 
 from walkerkit.actuators import ActuatorCmd
@@ -81,4 +81,4 @@ def main(seconds: float = 8.0) -> Trotted:
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else 8.0)
+    main(argument(__doc__, "SECONDS", 8.0))

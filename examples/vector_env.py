@@ -11,13 +11,13 @@ walk well; they show how fast 64 environments are in one process.
 from __future__ import annotations
 
 import os
-import sys
 import time
 from dataclasses import dataclass
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
 import numpy as np
+from _arguments import argument
 from numpy.typing import NDArray
 
 from walkerkit.actuators import DelayedActuatorCfg
@@ -103,4 +103,4 @@ def main(generations: int = 5, *, n: int = 64, seconds: float = 2.0) -> Learned:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 5)
+    main(argument(__doc__, "GENERATIONS", 5))

@@ -8,10 +8,10 @@ the named effects are shared. The `sin_sin` recordings are held out.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from _arguments import argument
 from _data import folder
 
 from walkerkit import gap
@@ -44,4 +44,4 @@ def main(out: Path, effects: Sequence[str] | None = None) -> gap.Result:
 
 
 if __name__ == "__main__":
-    print(main(Path(sys.argv[1] if len(sys.argv) > 1 else "xl330-diagnosis")))
+    print(main(argument(__doc__, "OUT", Path("xl330-diagnosis"))))

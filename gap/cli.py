@@ -191,7 +191,11 @@ def diagnose_fleet(
     effect: Effects = None,
     threads: Annotated[int, typer.Option(min=1, help="Threads of each simulation.")] = 1,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Diagnose again what DIR has of the same input.")
+        bool,
+        typer.Option(
+            "--overwrite",
+            help="Diagnose again what DIR has of the same input, and replace what no fleet left.",
+        ),
     ] = False,
     allow_code: AllowCode = False,
     allow_outside: AllowOutside = False,
@@ -290,6 +294,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="Of the sizes, the motions, the noise.")] = 0,
     seconds: Annotated[float, typer.Option(help="Length of each experiment.")] = 10.0,
     out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("rehearsal"),
+    overwrite: Overwrite = False,
     allow_outside: AllowOutside = False,
 ) -> None:
     """Rehearse: record simulated hardware with effects hidden in it.
@@ -301,7 +306,8 @@ def simulate(
     with spheres for feet and a level plane.
     """
     from walkerkit.gap.effects import CATALOGUE
-    from walkerkit.gap.rehearsal.rehearse import rehearse
+    from walkerkit.gap.rehearsal.rehearse import EXPERIMENTS, rehearse
+    from walkerkit.gap.report.output import check_folder, check_free, write_folder
 
     if model in CATALOGUE and not Path(model).exists():
         raise InputError(f"{model!r} is an effect, and no model: the model comes before --hide.")
@@ -310,17 +316,19 @@ def simulate(
             f"{more[0]!r} follows the model {model!r}; effects to hide come after --hide."
         )
     hide = [*hide, *(more or ())] if hide else None
+    check_folder(out)
+    files = {name: f"{name}.csv" for name in EXPERIMENTS}
+    check_free(out, files.values(), kind="rehearsal", overwrite=overwrite)
     rehearsal = rehearse(model, hide, seed=seed, seconds=seconds, allow_outside=allow_outside)
-    console = _console()
-    try:
-        out.mkdir(parents=True, exist_ok=True)
+
+    def write(made: Path) -> None:
         for recording in rehearsal.recordings:
-            recording.save(out / f"{recording.name}.csv")
-            console.print(str(out / f"{recording.name}.csv"), markup=False, soft_wrap=True)
-    except OSError as error:
-        raise InputError(
-            f"{out}: cannot be written ({error.strerror}). Give another folder with --out."
-        ) from None
+            recording.save(made / files[recording.name])
+
+    write_folder(out, write, run={"kind": "rehearsal"}, overwrite=overwrite)
+    console = _console()
+    for file in files.values():
+        console.print(str(out / file), markup=False, soft_wrap=True)
     hidden = [effect.describe() for effect in rehearsal.hidden] or ["nothing"]
     console.print(f"hidden: {'; '.join(hidden)}", markup=False, soft_wrap=True)
 

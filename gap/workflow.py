@@ -42,7 +42,7 @@ from walkerkit.gap.recordings.tidy import tidied
 from walkerkit.gap.report.claim import claimed, run_key
 from walkerkit.gap.report.diagnosis import Diagnosis
 from walkerkit.gap.report.notes import warning_notes
-from walkerkit.gap.report.output import main_files
+from walkerkit.gap.report.output import DIAGNOSES, main_files
 from walkerkit.gap.report.result import Result, summarise
 from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
@@ -130,7 +130,7 @@ def diagnose(
     progress: Progress | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
-    kind: str = "diagnosis",
+    kind: str = DIAGNOSES,
 ) -> Result:
     """Finds where simulation and recordings disagree, names why, and mends the model.
 
@@ -301,6 +301,7 @@ def prepare(
             for recording in experiment.recordings
         )
         suiting.append(replace(experiment, recordings=fitting))
+    _check_shared_joints(robots, suiting)
     experiments = without_placeholders(suiting)
     for robot, experiment in zip(robots, experiments, strict=True):
         check_size(robot.model, robot.source, experiment.recordings)
@@ -346,6 +347,21 @@ def _checked(robot: Robot, recording: Recording) -> Recording:
     if robot.base is not None:
         recording = base.with_checked_base(recording)
     return without_echoes(recording, by_effort_alone(robot, recording))
+
+
+def _check_shared_joints(robots: Sequence[Robot], experiments: Sequence[Experiment]) -> None:
+    """Raises InputError where a model lacks a joint that another model's recordings measure."""
+    for measured, experiment in zip(robots, experiments, strict=True):
+        for joint in dict.fromkeys(j for r in experiment.recordings for j in r.joints):
+            for robot in robots:
+                if joint not in robot.joints:
+                    raise InputError(
+                        f"{robot.source}: the model has no joint {joint!r}"
+                        f"{closest(joint, robot.joints)}, which the recordings of "
+                        f"{measured.source} measure. All models of a manifest share the effects: "
+                        "give them joints of the same names, or diagnose them one by one or as a "
+                        "fleet (walkerkit diagnose-fleet)."
+                    )
 
 
 def effect_names(names: str | Sequence[str] | None) -> tuple[str, ...] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -39,6 +40,31 @@ def run(repository: Path, name: str, *arguments: str, **environment: str):
         check=False,
         timeout=120,
     )
+
+
+PROGRAMS = sorted(
+    path.name
+    for path in (Path(__file__).parent.parent / "examples").glob("*.py")
+    if not path.name.startswith("_")
+)
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_asked_for_help_a_program_says_what_it_takes_and_does_nothing(
+    repository: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+) -> None:
+    monkeypatch.syspath_prepend(str(repository / "examples"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(repository / "examples" / name), run_name="__main__")
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: {name} ")
+    assert not any(tmp_path.iterdir())
 
 
 def test_stand(example, capsys):

@@ -11,7 +11,7 @@ An effect is one small class in a file of its family. Writing it registers it:
         def apply(self, trials, site, values): ...
 
 At every parameter's `zero` the robot is unchanged. Values are increments on what the model already
-has, except where the parameter's name says otherwise (a limit, an angle, a delay).
+has, except limits, rest angles, timesteps and the numbers of laws, which are what they say.
 """
 
 from __future__ import annotations

@@ -8,17 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from walkerkit.gap.errors import InputError
 from walkerkit.gap.fleet import folder as folders
 from walkerkit.gap.fleet.comparison import Comparison, Row, compare
 from walkerkit.gap.fleet.engine import PROCESSES, Done, Failure, check_engine, run
 from walkerkit.gap.fleet.manifest import load_fleet
 from walkerkit.gap.fleet.member import Job, Made, diagnose_member
 from walkerkit.gap.recordings.checks import check_seconds
-from walkerkit.gap.report.output import DIAGNOSIS, check_folder, write_folder
+from walkerkit.gap.report.output import DIAGNOSIS, check_folder, check_free, write_folder
 
 SCHEMA = 1
 WINDOW = 0.5  # s, as `diagnose` has it
 JSON, REPORT = "fleet.json", "fleet.html"
+KIND = "fleet"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +109,8 @@ def diagnose_fleet(
         allow_code: the fleet's file, or a manifest that it names, may name
             `package.module:callable` as a model.
         allow_outside: as for `diagnose`.
-        overwrite: diagnose robots again that `out` has with the same input.
+        overwrite: diagnose robots again that `out` has with the same input, and replace files
+            there that no fleet has left.
         ended: called with each robot's outcome as it comes.
 
     Raises:
@@ -134,6 +137,10 @@ def diagnose_fleet(
         )
         for member in members
     ]
+    if not overwrite:
+        check_free(out, (JSON, REPORT), kind=KIND, overwrite=False)
+        for job in jobs:
+            folders.check_robot(out / job.member.name, job)
     outcomes: dict[str, Outcome] = {}
 
     def add(outcome: Outcome) -> None:
@@ -150,7 +157,7 @@ def diagnose_fleet(
         else:
             add(Outcome(robot=name, diagnosis=diagnosis, kept=True))
     for done in run(diagnose_member, left, engine=engine, address=address, workers=workers):
-        add(_written(out, left[done.index].member.name, done))
+        add(_written(out, left[done.index].member.name, done, overwrite))
     ordered = tuple(outcomes[member.name] for member in members)
     diagnoses = {one.robot: one.diagnosis for one in ordered if one.diagnosis is not None}
     fleet = Fleet(outcomes=ordered, comparison=compare(diagnoses))
@@ -159,17 +166,21 @@ def diagnose_fleet(
         (made / JSON).write_text(fleet.to_json(), encoding="utf-8")
         write_page(fleet, made / REPORT, title=Path(manifest).stem)
 
-    write_folder(out, write)
+    write_folder(out, write, run={"kind": KIND}, overwrite=overwrite)
     return fleet
 
 
-def _written(out: Path, robot: str, done: Done[Made]) -> Outcome:
+def _written(out: Path, robot: str, done: Done[Made], overwrite: bool) -> Outcome:
     """Writes what came back of a robot."""
     if done.value is None:
         failure = done.failure or Failure(message="nothing came back")
-        folders.write_failure(out / robot, failure)
+        folders.write_failure(out / robot, failure, overwrite=overwrite)
         return Outcome(robot=robot, diagnosis=None, failure=failure)
-    folders.write_made(out / robot, done.value)
+    try:
+        folders.write_made(out / robot, done.value, overwrite=overwrite)
+    except InputError as error:  # an asset's name is known only now
+        failure = Failure(message=str(error), refused=True)
+        return Outcome(robot=robot, diagnosis=None, failure=failure)
     return Outcome(robot=robot, diagnosis=folders.read_diagnosis(done.value.files[DIAGNOSIS]))
 
 

@@ -1,7 +1,8 @@
 """What a fleet leaves in its folder: one folder for each robot, and what it takes to keep them.
 
-`member.json` is written last of a robot's files. Its key is a hash of the robot's input, so that a
-robot whose input has not changed need not be diagnosed again; its list says which files are ours.
+As of any run, a file says whose they are (`walkerkit.gap.report.output`): a robot's with a hash of
+its input, so that one whose input has not changed need not be diagnosed again. What no fleet has
+left is replaced only where that is wanted.
 """
 
 from __future__ import annotations
@@ -14,52 +15,57 @@ from typing import Any
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.fleet.engine import Failure
 from walkerkit.gap.fleet.member import Job, Made, input_key
-from walkerkit.gap.report.output import DIAGNOSIS, write_folder
+from walkerkit.gap.report.output import DIAGNOSIS, REPORT, check_free, known_run, write_folder
+from walkerkit.gap.simulation.sidecar import FILE
 
-MARK, FAILURE = "member.json", "failure.txt"
-SCHEMA = 1
+FAILURE, KIND = "failure.txt", "robot of a fleet"
+MODEL = "model.xml"  # of a robot that has one only
 
 
 def kept(folder: Path, job: Job) -> dict[str, Any] | None:
     """The diagnosis that a robot's folder has of the same input; None where it has none."""
-    mark = _mark(folder)
-    if mark is None or not all((folder / name).is_file() for name in mark["files"]):
+    known = known_run(folder)
+    files = known.get("files", ())
+    if known.get("kind") != KIND or DIAGNOSIS not in files:
+        return None
+    if not all((folder / name).is_file() for name in files):
         return None
     try:
-        if mark["key"] != input_key(job):
+        if known.get("run") != input_key(job):
             return None
     except InputError:
         return None  # whoever diagnoses it will say why
     return read_diagnosis((folder / DIAGNOSIS).read_bytes())
 
 
-def write_made(folder: Path, made: Made) -> None:
+def check_robot(folder: Path, job: Job) -> None:
+    """Tells whether something else is in the way before the work is done that would be lost.
+
+    Raises:
+        InputError: a file is that the robot's folder is going to have.
+    """
+    one_model = Path(job.member.model).suffix.lower() != ".toml"
+    files = (DIAGNOSIS, REPORT, FILE, FAILURE, *([MODEL] if one_model else []))
+    check_free(folder, files, kind=KIND, overwrite=False)
+
+
+def write_made(folder: Path, made: Made, *, overwrite: bool) -> None:
     """Replaces what an earlier run has left.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder cannot be written, or a file is in the way and `overwrite` is false.
     """
-    clear(folder)
-    _write(folder, made.files)
-    mark = {"schema": SCHEMA, "key": made.key, "files": list(made.files)}
-    _write(folder, {MARK: (json.dumps(mark, indent=2, ensure_ascii=False) + "\n").encode()})
+    _write(folder, made.files, key=made.key, overwrite=overwrite)
 
 
-def write_failure(folder: Path, failure: Failure) -> None:
+def write_failure(folder: Path, failure: Failure, *, overwrite: bool) -> None:
     """Replaces what an earlier run has left by what went wrong.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: as for `write_made`.
     """
-    clear(folder)
-    _write(folder, {FAILURE: f"{failure.message}\n\n{failure.details}".strip().encode() + b"\n"})
-
-
-def clear(folder: Path) -> None:
-    """Removes the files that an earlier run has written, and no others."""
-    mark = _mark(folder)
-    for name in (MARK, FAILURE, *(mark["files"] if mark else ())):
-        (folder / name).unlink(missing_ok=True)
+    text = f"{failure.message}\n\n{failure.details}".strip() + "\n"
+    _write(folder, {FAILURE: text.encode()}, key="", overwrite=overwrite)
 
 
 def read_diagnosis(content: bytes) -> dict[str, Any]:
@@ -68,26 +74,10 @@ def read_diagnosis(content: bytes) -> dict[str, Any]:
     return found
 
 
-def _mark(folder: Path) -> dict[str, Any] | None:
-    try:
-        mark = json.loads((folder / MARK).read_bytes())
-    except (OSError, ValueError):
-        return None
-    proper = isinstance(mark, dict) and mark.get("schema") == SCHEMA and "key" in mark
-    names = mark.get("files") if proper else None
-    if not isinstance(names, list) or DIAGNOSIS not in names:
-        return None
-    inside = folder.resolve()
-    proper = all(
-        isinstance(n, str) and (inside / n).resolve().is_relative_to(inside) for n in names
-    )
-    return mark if proper else None
-
-
-def _write(folder: Path, files: Mapping[str, bytes]) -> None:
+def _write(folder: Path, files: Mapping[str, bytes], *, key: str, overwrite: bool) -> None:
     def write(made: Path) -> None:
         for name, content in files.items():
             (made / name).parent.mkdir(parents=True, exist_ok=True)
             (made / name).write_bytes(content)
 
-    write_folder(folder, write)
+    write_folder(folder, write, run={"run": key, "kind": KIND}, overwrite=overwrite)

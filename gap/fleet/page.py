@@ -12,7 +12,7 @@ from walkerkit.gap.fleet.fleet import Fleet
 from walkerkit.gap.report.html import write_html
 from walkerkit.gap.report.output import REPORT
 from walkerkit.gap.report.quantity import quantity
-from walkerkit.gap.report.wording import WARNINGS, estimate, label
+from walkerkit.gap.report.wording import VALUES, WARNINGS, estimate, label
 
 _HAS, _COULD, _HAS_NOT, _CANNOT = "●", "?", "·", "–"
 _SAYS = {
@@ -50,6 +50,7 @@ def write_page(fleet: Fleet, path: str | Path, *, title: str) -> None:
         names=[label(robot) for robot in fleet.comparison.robots],
         groups=_groups(fleet),
         parameters=rows,
+        values=VALUES,
         warnings=[meaning for warning, meaning in WARNINGS.items() if warning in _warned(rows)],
         legend=[f"{mark} {says}" for mark, says in _SAYS.items()],
         figures={name: figure for name, figure in drawn.items() if figure is not None},

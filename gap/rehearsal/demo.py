@@ -6,11 +6,15 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from walkerkit.gap.rehearsal.rehearse import Rehearsal, rehearse
+from walkerkit.gap.rehearsal.rehearse import EXPERIMENTS, Rehearsal, rehearse
+from walkerkit.gap.report.output import check_free, known_run, write_folder
 from walkerkit.gap.report.result import Result
 from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.workflow import diagnose
 from walkerkit.walkers.leg import LEG_XML
+
+KIND, LEG = "demo", "leg.xml"
+FILES = {name: f"recordings/{name}.csv" for name in EXPERIMENTS}
 
 
 def run(
@@ -34,7 +38,12 @@ def run(
 
     Returns:
         What was found from the recordings alone, and what was hidden.
+
+    Raises:
+        InputError: `out` holds files of another run or of the user's own.
     """
+    if out is not None:
+        check_free(out, (LEG, *FILES.values()), kind=KIND, overwrite=overwrite)
     if progress:
         progress("recording the leg", 0.0)
     rehearsal = rehearse(LEG_XML, hide, seed=seed)
@@ -45,11 +54,17 @@ def run(
         progress=progress,
         out=out,
         overwrite=overwrite,
-        kind="demo",
+        kind=KIND,
     )
-    if out is not None:
-        shutil.copyfile(LEG_XML, out / "leg.xml")
-        (out / "recordings").mkdir(exist_ok=True)
+
+    def write(made: Path) -> None:
+        shutil.copyfile(LEG_XML, made / LEG)
         for recording in rehearsal.recordings:
-            recording.save(out / "recordings" / f"{recording.name}.csv")
+            file = made / FILES[recording.name]
+            file.parent.mkdir(exist_ok=True)
+            recording.save(file)
+
+    if out is not None:
+        of = {"run": known_run(out)["run"], "kind": KIND}
+        write_folder(out, write, run=of, overwrite=overwrite, beside=True)
     return result, rehearsal

@@ -21,7 +21,7 @@ import numpy as np
 
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.report.output import WRITING, known_run, save, unwritable
+from walkerkit.gap.report.output import DIAGNOSES, RUN, WRITING, known_run, save, unwritable
 from walkerkit.gap.report.result import Result
 from walkerkit.gap.search.journal import Journal, digest
 from walkerkit.gap.simulation.robot import Robot
@@ -31,7 +31,7 @@ CHECKPOINT = ".walkerkit-checkpoint"
 
 @contextlib.contextmanager
 def claimed(
-    folder: Path, key: str, files: Sequence[str], *, overwrite: bool, kind: str = "diagnosis"
+    folder: Path, key: str, files: Sequence[str], *, overwrite: bool, kind: str = DIAGNOSES
 ) -> Iterator[Callable[[Result], Path]]:
     """Takes a folder for a run, and lets the search within remember its steps there.
 
@@ -52,7 +52,7 @@ def claimed(
     try:
         known = known_run(folder)
         same = known.get("run") == key or kind == known.get("kind") == "demo"
-        taken = [name for name in files if (folder / name).exists()]
+        taken = [name for name in (*files, RUN) if (folder / name).exists()]
         if taken and not (same or overwrite):
             raise InputError(
                 f"{folder}: has {taken[0]} of another run or of your own. Give another folder "

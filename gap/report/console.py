@@ -103,7 +103,9 @@ def add_row(table: Table, *cells: str) -> None:
 
 
 def _locations(diagnosis: Diagnosis) -> Table:
-    table = table_of("joint", "regime", "of the gap", "lift", right=("of the gap", "lift"))
+    signal = diagnosis.locations[0].signal
+    part = "of the gap" if signal == "position" else f"of the {wording.words(signal)} gap"
+    table = table_of("joint", "regime", part, "lift", right=(part, "lift"))
     for at in diagnosis.locations[:_TOP]:
         share, lift = percent(at.share), f"{at.lift:.1f}×"
         add_row(table, wording.site(at.joint), wording.words(at.regime), share, lift)

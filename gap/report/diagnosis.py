@@ -182,6 +182,7 @@ class Diagnosis:
         effects: what was added, in order.
         considered: every candidate of every round.
         next_experiment: what to record next, where names could not be told apart.
+        obstacle: why none can be proposed for such a robot, a sentence or ""; not in the JSON.
         recordings: names of the recordings.
         notes: what a reader should know before trusting the numbers.
         traces: measured and simulated signals.
@@ -209,6 +210,7 @@ class Diagnosis:
     only: tuple[str, ...] | None = None
     held_out: tuple[str, ...] = ()
     maps: tuple[GapMap, ...] = field(default=(), repr=False)
+    obstacle: str = ""
     hints: tuple[Hint, ...] = ()
     wiring: tuple[WiringError, ...] = ()
 
@@ -226,7 +228,7 @@ class Diagnosis:
                 "after": gap.position.after,
                 "noise_floor": gap.position.noise_floor,
                 "numerical_floor": gap.position.numerical_floor,
-                "held_out": gap.held_out,
+                "held_out": True,
                 "joints": {
                     name: {
                         "before": size.before,
@@ -246,7 +248,13 @@ class Diagnosis:
                 },
             },
             "locations": [
-                {"joint": at.joint, "regime": at.regime, "share": at.share, "lift": at.lift}
+                {
+                    "joint": at.joint,
+                    "regime": at.regime,
+                    "signal": at.signal,
+                    "share": at.share,
+                    "lift": at.lift,
+                }
                 for at in self.locations
             ],
             "effects": [_effect(named) for named in self.effects],

@@ -44,11 +44,12 @@ class GapSize:
 
     @property
     def closed(self) -> float:
-        """How much of the way to the floor was gone, as of ratios, 0 to 1."""
+        """How much of the way to the floor was gone, as of ratios, 0 to 1; 0 of none."""
         if self.at_floor:
             return 1.0
-        whole = math.log(max(self.before / self.floor, 1.0 + 1e-9))
-        return min(max(math.log(self.before / self.after) / whole, 0.0), 1.0)
+        if not 0.0 < self.floor < self.before or self.after >= self.before:
+            return 0.0
+        return math.log(self.before / self.after) / math.log(self.before / self.floor)
 
     @property
     def mostly_closed(self) -> bool:
@@ -58,7 +59,7 @@ class GapSize:
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """The gap of all joints, per joint and per signal.
+    """The gap of all joints, per joint and per signal, on recordings that no fit has seen.
 
     Attributes:
         position: over all joints.
@@ -67,7 +68,6 @@ class Gap:
         finer_position: over all joints at a quarter of the timestep, where that matters more than
             the noise; its numerical floor is what even this timestep leaves.
         finer_joints: joint to the same of it alone.
-        held_out: whether it was measured on recordings that no fit has seen.
         joints: joint to its position gap.
         signals: signal to its gap over all joints.
         scored: those that effects are judged by, and have to explain.
@@ -78,7 +78,6 @@ class Gap:
     position: GapSize
     horizon: float | None
     finer_position: GapSize | None
-    held_out: bool
     joints: Mapping[str, GapSize]
     signals: Mapping[str, GapSize]
     finer_joints: Mapping[str, GapSize] = field(default_factory=dict)
@@ -114,7 +113,9 @@ class Gap:
         finer, size = self.finer_position, self.position
         if finer is None or finer.at_floor or replace(size, numerical_floor=0.0).at_floor:
             return 1.0
-        return min(max(math.log(size.before / size.numerical_floor, _CLEARLY), 0.0), 1.0)
+        if size.before <= size.numerical_floor:
+            return 0.0
+        return min(math.log(size.before / size.numerical_floor, _CLEARLY), 1.0)
 
 
 def _standing_out(joints: Mapping[str, GapSize]) -> tuple[str, ...]:
@@ -135,6 +136,7 @@ class Location:
         regime: when, e.g. `velocity_reversal`.
         share: part of the squared gap of all joints that falls there.
         lift: that part over the part of the samples.
+        signal: whose gap, `position` or `effort`.
         rms: root-mean-square gap there, in the joint's unit; not in the JSON.
     """
 
@@ -142,6 +144,7 @@ class Location:
     regime: str
     share: float
     lift: float
+    signal: str = "position"
     rms: float = float("nan")
 
 

@@ -92,6 +92,7 @@ def gap_map(
             regime=regime,
             share=of[joint] * square / total_square,
             lift=of[joint] * square / total_square / (samples[joint, regime] / total_samples),
+            signal=signal,
             rms=float(np.sqrt(square / samples[joint, regime])),
         )
         for (joint, regime), square in squares.items()

@@ -6,7 +6,7 @@ import json
 import os
 import signal
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from errno import EISDIR
@@ -15,7 +15,7 @@ from typing import Any
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.report.experiments import mended_experiments
 from walkerkit.gap.report.page import write_report
 from walkerkit.gap.report.planner import FILE as TARGETS
 from walkerkit.gap.report.planner import MODEL as CHANGED
@@ -27,6 +27,7 @@ from walkerkit.gap.stopgap.hints import stopgap_file
 from walkerkit.gap.stopgap.learned import LearnedDrive
 
 RUN, WRITING = ".walkerkit-run.json", ".writing-"
+DIAGNOSES = "diagnosis"  # the kind of a run that `diagnose` makes
 DIAGNOSIS, REPORT, MANIFEST = "diagnosis.json", "report.html", "experiments.toml"
 
 
@@ -48,6 +49,30 @@ def check_folder(folder: Path) -> None:
         raise unwritable(folder, f"{there} is a file")
     if not os.access(there, os.W_OK | os.X_OK):
         raise unwritable(folder, f"no permission to write in {there}")
+
+
+def check_free(folder: Path, files: Iterable[str], *, kind: str, overwrite: bool) -> None:
+    """Tells whether files of the user's or of another kind of run are in the way.
+
+    Args:
+        folder: may be missing.
+        files: names in it that are going to be written.
+        kind: of the run that writes them; what one of its kind has left may be replaced.
+        overwrite: whether everything may be.
+
+    Raises:
+        InputError: a file is in the way.
+    """
+    if overwrite:
+        return
+    ours = known_run(folder).get("kind") == kind
+    own = (*_left(folder, kind), *([RUN] if ours else []))
+    for name in (*files, RUN):
+        if (folder / name).exists() and name not in own:
+            raise InputError(
+                f"{folder / name}: is in the way, of another run or of your own. Move it, give "
+                "another folder with --out, or replace it with --overwrite."
+            )
 
 
 def save(
@@ -76,14 +101,17 @@ def write_folder(
     *,
     run: Mapping[str, str] | None = None,
     overwrite: bool = True,
+    beside: bool = False,
 ) -> Path:
     """Has files written into a folder beside the target first, so that none is ever half there.
 
     Args:
         folder: made if it is missing.
         write: given an empty folder, writes into it.
-        run: what the folder's files are of, to be kept beside them; None for nothing.
-        overwrite: whether files that are there may be replaced.
+        run: what the folder's files are of, to be kept beside them, its `kind` above all; None for
+            nothing.
+        overwrite: whether files that no run of this kind has left may be replaced.
+        beside: whether what a run of this kind has left stays; it goes otherwise.
 
     Returns:
         The folder.
@@ -91,33 +119,31 @@ def write_folder(
     Raises:
         InputError: the folder cannot be written, or a file is in the way.
     """
+    kind = DIAGNOSES if run is None else run["kind"]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=WRITING) as name:
             made = Path(name)
             write(made)
             files = [p.relative_to(made) for p in sorted(made.rglob("*")) if not p.is_dir()]
+            check_free(folder, map(str, files), kind=kind, overwrite=overwrite)
             for path in files:
                 target = folder / path
-                if target.exists() and not overwrite:
-                    raise InputError(
-                        f"{target}: is in the way. Move it, or replace it with --overwrite."
-                    )
                 if target.is_dir():
                     raise IsADirectoryError(EISDIR, f"{target} is a folder")
                 with (made / path).open("rb") as file:
                     os.fsync(file.fileno())
-            before = known_run(folder).get("files", ())
+            before, new = _left(folder, kind), [str(path) for path in files]
             if run is not None:
                 # First, so that a run that is killed in between finds the folder to be its own.
-                content = {**run, "files": [str(path) for path in files]}
+                content = {**run, "files": [*dict.fromkeys((*before, *new))] if beside else new}
                 _write_text(made / RUN, json.dumps(content) + "\n")
                 files.insert(0, Path(RUN))
             with _uninterrupted():
                 for path in files:
                     (folder / path.parent).mkdir(parents=True, exist_ok=True)
                     (made / path).replace(folder / path)
-                for old in {*before} - {str(path) for path in files}:
+                for old in () if beside else {*before} - {*new}:
                     (folder / old).unlink(missing_ok=True)
                 if run is None:
                     (folder / RUN).unlink(missing_ok=True)
@@ -137,6 +163,13 @@ def known_run(folder: Path) -> dict[str, Any]:
     files = content.get("files", [])
     inside = [f for f in files if isinstance(f, str) and ".." not in f and not f.startswith("/")]
     return {**content, "files": inside}
+
+
+def _left(folder: Path, kind: str) -> list[str]:
+    """The files that a run of this kind has left in a folder."""
+    known = known_run(folder)
+    files: list[str] = known["files"] if known.get("kind") == kind else []
+    return files
 
 
 @contextmanager
@@ -169,13 +202,14 @@ def _write(result: Result, folder: Path) -> None:
         }
     _write_text(folder / FILE, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
     if len(names) > 1:
-        _write_text(folder / MANIFEST, _manifest(result, names))
+        _write_text(folder / MANIFEST, mended_experiments(result.problem, names))
     write_report(
         result.diagnosis,
         folder / REPORT,
         title=result.robots[0].stem,
         catalogue=CATALOGUE,
         models=names,
+        experiments=result.next_experiments,
     )
     _write_text(folder / DIAGNOSIS, result.diagnosis.to_json())
 
@@ -209,28 +243,6 @@ def model_names(robots: Sequence[Robot]) -> list[str]:
             name = f"model_{robot.stem}_{number}.xml"
         names.append(name)
     return names
-
-
-def _manifest(result: Result, names: Sequence[str]) -> str:
-    """The same recordings with the mended models, for `walkerkit compare`."""
-    parts = []
-    groups = zip(names, result.problem.fit.recordings, result.problem.held.recordings, strict=True)
-    for name, fitted, held in groups:
-        parts.append("[[experiment]]")
-        parts.append(f"model = {json.dumps(name)}")
-        listed = _files(fitted)
-        # Blocks of one recording in both halves: whoever reads this cuts it in the same way.
-        others = [file for file in _files(held) if file not in listed]
-        for key, files in (("recordings", listed), ("held_out", others)):
-            if files:
-                parts.append(f"{key} = {json.dumps(files, ensure_ascii=False)}")
-        parts.append("")
-    return "\n".join(parts)
-
-
-def _files(recordings: Sequence[Recording]) -> list[str]:
-    """The files that recordings, or parts of them, come from; each once."""
-    return list(dict.fromkeys(str(Path(r.source).resolve()) for r in recordings if r.source))
 
 
 def _next_experiment(

@@ -34,6 +34,7 @@ def write_report(
     title: str,
     catalogue: Mapping[str, Effect] | None = None,
     models: Sequence[str] = ("model.xml",),
+    experiments: str = "",
 ) -> None:
     """Writes the report.
 
@@ -43,6 +44,7 @@ def write_report(
         title: heading of the page, e.g. the model's name.
         catalogue: where the equations of the named effects are looked up; None leaves them out.
         models: names of the mended models that lie beside the report; none where nothing does.
+        experiments: an experiments.toml to diagnose again with the next experiment, or "".
 
     Raises:
         OSError: the file cannot be written.
@@ -53,6 +55,7 @@ def write_report(
         **_content(diagnosis, catalogue or {}),
         title=wording.label(title),
         models=[wording.label(name) for name in models],
+        experiments=experiments,
     )
 
 
@@ -67,6 +70,7 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
         "headline": _headline(diagnosis),
         "maps": _maps(diagnosis),
         "places": _places(diagnosis),
+        "places_of": wording.words(next((at.signal for at in diagnosis.locations), "position")),
         "sizes": _sizes(diagnosis),
         "estimates": [_estimates(named) for named in diagnosis.effects],
         "explanations": [
@@ -74,6 +78,8 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
             for name in dict.fromkeys(named.effect for named in diagnosis.effects)
             if name in catalogue
         ],
+        "values": wording.VALUES,
+        "sure": wording.SURE,
         "warnings": wording.warnings(diagnosis),
         "rounds": _rounds(diagnosis.considered),
         "doubts": [_tight(doubt) for doubt in wording.doubts(diagnosis)],

@@ -23,7 +23,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.report.diagnosis import NextExperiment
 from walkerkit.gap.report.independence import Independence, independence
-from walkerkit.gap.report.set_ups import RELEASE, SetUp, held_amplitude, set_ups, takes
+from walkerkit.gap.report.set_ups import RELEASE, SetUp, can_be_held, held_amplitude, set_ups, takes
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.channel import Channel
@@ -81,10 +81,7 @@ def next_experiment(problem: Problem, members: Sequence[Fit]) -> Plan | None:
         The experiment; None where there is none for such a robot, or none parts the members.
     """
     robot = problem.robots[0]
-    takeable = takes(robot, problem.joints)
-    if len(members) < 2 or takeable is None:
-        return None
-    if takeable == "effort" and not all(is_driven(problem, joint) for joint in problem.joints):
+    if len(members) < 2 or obstacle(problem):
         return None
     tried: list[_Choice] = []
     for alike in _choices(_Bench(problem, members)):
@@ -162,12 +159,14 @@ class _Bench:
                 if np.abs(series).max() > (1 + _BEYOND) * excursion.effort:
                     return False
                 continue
-            margin = _BEYOND * excursion.range
+            limited = self.robot.model.jnt_limited[joint.id]
+            # A slide whose stops the model does not know may have them right there.
+            margin = _BEYOND * excursion.range if limited or not joint.slide else 0.0
             low, high = excursion.lower - margin, excursion.upper + margin
             if channel.joint in set_up.released and not joint.slide:
                 # It may swing through: all that a hinge can do is what its stops leave it.
                 low, high = -np.inf, np.inf
-            if self.robot.model.jnt_limited[joint.id]:
+            if limited:
                 stops = self.robot.model.jnt_range[joint.id]
                 low, high = max(low, float(stops[0])), min(high, float(stops[1]))
             if series.min() < low or series.max() > high:
@@ -261,6 +260,23 @@ def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Reco
         columns[f"{joint}/position"] = position[:, k]
         columns[f"{joint}/{bench.takes}_target"] = sent[:, k]
     return Recording(name=excitation, time=time, columns=columns | _standing(bench, len(time)))
+
+
+def obstacle(problem: Problem) -> str:
+    """Why no experiment can be put to a robot, a sentence; "" where the battery can be tried."""
+    kind = takes(problem.robots[0], problem.joints)
+    undriven = [joint for joint in problem.joints if not is_driven(problem, joint)]
+    if kind is None or (kind == "effort" and undriven):
+        return (
+            "No next experiment can be proposed for this robot: that takes joints which are all "
+            "sent positions, all velocities, or all efforts."
+        )
+    if kind == "effort" and not can_be_held(problem.robots[0], problem.joints):
+        return (
+            "No next experiment can be proposed for this robot: joints that are sent efforts have "
+            "to be let go or clamped, which is for one or two joints on a base that stands still."
+        )
+    return ""
 
 
 def is_driven(problem: Problem, joint: str) -> bool:

@@ -16,11 +16,12 @@ from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import Considered, Diagnosis, NamedEffect, Verdict
 from walkerkit.gap.report.effort_scale import effort_scales
+from walkerkit.gap.report.experiments import next_experiments
 from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import standing_out
 from walkerkit.gap.report.named import confusion_set, named_effects
 from walkerkit.gap.report.notes import notes
-from walkerkit.gap.report.planner import Plan, next_experiment
+from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
 from walkerkit.gap.report.replayed import (
     gap_maps,
     gap_of,
@@ -100,6 +101,14 @@ class Result:
         return self.diagnosis.notes
 
     @property
+    def next_experiments(self) -> str:
+        """An experiments.toml with what is here and what to record next; "" where it needs none."""
+        wanted = self.diagnosis.next_experiment
+        if wanted is None or wanted.model is None:
+            return ""
+        return next_experiments(self.problem, wanted.model)
+
+    @property
     def mended(self) -> Mapping[str, Mended]:
         """The mended robots by the names of their models, to go on with."""
         return mended_by_name(self.robots)
@@ -153,7 +162,14 @@ class Result:
         path, title = Path(path), self.robots[0].stem
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_report(self.diagnosis, path, title=title, catalogue=CATALOGUE, models=())
+            write_report(
+                self.diagnosis,
+                path,
+                title=title,
+                catalogue=CATALOGUE,
+                models=(),
+                experiments=self.next_experiments,
+            )
         except OSError as error:
             raise InputError(
                 f"{path}: cannot be written ({error.strerror}). Give another file."
@@ -241,6 +257,7 @@ def summarise(
             for candidate in one.candidates
         ),
         next_experiment=following.experiment if following else None,
+        obstacle=obstacle(problem),
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
         notes=tuple(
             notes(
@@ -259,11 +276,7 @@ def summarise(
         seconds=seconds,
         searched=searched,
         only=only,
-        held_out=tuple(
-            dict.fromkeys(r.name for group in problem.held.recordings for r in group)
-            if gap.held_out
-            else ()
-        ),
+        held_out=tuple(dict.fromkeys(r.name for group in problem.held.recordings for r in group)),
     )
     return Result(
         diagnosis=diagnosis,

@@ -133,7 +133,7 @@ def set_ups(
         )
     )
     found += [_with_payload(robot, body, part, steady) for body, part in _loads(robot, concerned)]
-    if robot.base is None and len(concerned) <= _HANDS:  # a robot that stands would fall
+    if can_be_held(robot, concerned):  # a robot that stands would fall
         found.append(
             SetUp(
                 name="motor_off",
@@ -175,6 +175,11 @@ def takes(robot: Robot, joints: Sequence[str]) -> TargetKind | None:
     return None
 
 
+def can_be_held(robot: Robot, joints: Sequence[str]) -> bool:
+    """Whether hands can hold all of these joints until they are let go."""
+    return robot.base is None and len(joints) <= _HANDS
+
+
 def held_amplitude(robot: Robot, joint: str) -> float:
     """How far the targets of a clamped joint may go, for an effort that it has made already."""
     effort, drive = robot.excursion(joint).effort, _servo(robot, joint)
@@ -194,7 +199,7 @@ def _without_targets(
     robot: Robot, joints: Sequence[str], excitations: Sequence[str]
 ) -> tuple[SetUp, ...]:
     """What can be done with joints that take nothing but effort."""
-    if robot.base is not None or len(joints) > _HANDS:
+    if not can_be_held(robot, joints):
         return ()
     held = tuple(joints)
     s = _plural(joints)

@@ -22,6 +22,14 @@ WARNINGS = {
     AT_BOUND: "A value at its bound ran into the limit of its range: it is no estimate, without ±.",
     NOT_IDENTIFIABLE: "A value that is not determined has no ±: others fit as well.",
 }
+VALUES = (
+    "Values are added to what the model has, except limits, rest angles, timesteps and the numbers "
+    "of laws in actuators.json, which are what they say."
+)
+SURE = (
+    "“Sure” is how often resampled recordings prefer the effect to its rivals; less where a gap is "
+    "left, and where several effects may together stand in for one that the catalogue lacks."
+)
 TITLES = {
     "explained": "Explained",
     "partly_explained": "Partly explained",
@@ -234,18 +242,15 @@ def _shrinks(size: GapSize) -> bool:
 def basis(diagnosis: Diagnosis) -> str:
     """On what the gap was measured."""
     gap = diagnosis.gap
-    data = "on the recordings that were fitted, so that it flatters the model"
-    if gap.held_out:
-        whole = {*diagnosis.held_out} <= {*diagnosis.recordings}
-        names = f" ({listed(_some(diagnosis.held_out))})" if diagnosis.held_out else ""
-        what = f"recordings{names}" if whole else "blocks of time of the recordings"
-        data = f"on held-out {what}, which no fit has seen"
+    whole = {*diagnosis.held_out} <= {*diagnosis.recordings}
+    names = f" ({listed(_some(diagnosis.held_out))})" if diagnosis.held_out else ""
+    what = f"recordings{names}" if whole else "blocks of time of the recordings"
     replay = (
         "over whole rollouts"
         if gap.horizon is None
         else f"over windows of {gap.horizon:g} s that restart from the measured state"
     )
-    return f"Root-mean-square error, {data}, {replay}."
+    return f"Root-mean-square error, on held-out {what}, which no fit has seen, {replay}."
 
 
 def doubts(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -281,7 +286,7 @@ def advice(diagnosis: Diagnosis) -> str:
     if wanted is None:
         if not doubts(diagnosis):
             return ""
-        return (
+        return diagnosis.obstacle or (
             "No experiment of the battery that this robot can be put through is predicted to tell "
             "them apart with the signals that were logged."
         )

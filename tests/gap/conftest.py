@@ -63,7 +63,6 @@ def leg_diagnosis(
             ),
             horizon=None,
             finer_position=None,
-            held_out=True,
             joints={
                 hip: GapSize(unit="rad", before=0.0012, after=0.00105, noise_floor=0.0010),
                 thigh: GapSize(unit="rad", before=0.0021, after=0.00112, noise_floor=0.0010),
@@ -173,7 +172,6 @@ def confused() -> Diagnosis:
             ),
             horizon=0.5,
             finer_position=None,
-            held_out=False,
             joints=leg.gap.joints,
             signals={"effort": GapSize(unit="N·m", before=0.52, after=0.2, noise_floor=0.03)},
         ),

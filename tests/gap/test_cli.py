@@ -422,6 +422,49 @@ def test_bad_manifests_are_refused(
     refused(run("compare", "experiments.toml"), *parts)
 
 
+@pytest.mark.parametrize("order", ["ab", "ba"])
+def test_models_of_a_manifest_have_the_same_joints(run: Run, folder: Path, order: str) -> None:
+    (folder / "elbow.xml").write_text(SERVO.replace('"knee"', '"elbow"'))
+    text = (folder / "b.csv").read_text().replace("knee/", "elbow/")
+    (folder / "e.csv").write_text(text)
+    tables = {"a": ("servo.xml", "a.csv"), "b": ("elbow.xml", "e.csv")}
+    (folder / "two.toml").write_text(
+        "".join(
+            '[[experiment]]\nmodel = "{}"\nrecordings = ["{}"]\n'.format(*tables[one])
+            for one in order
+        )
+    )
+    lacks, of = ("elbow", "servo") if order == "ab" else ("servo", "elbow")
+    joint = "knee" if order == "ab" else "elbow"
+    for command in ("compare", "diagnose"):
+        says = f"{lacks}.xml: the model has no joint '{joint}'"
+        refused(run(command, "two.toml"), says, f"recordings of {of}.xml", "diagnose-fleet")
+
+
+def test_models_of_a_manifest_may_have_their_joints_in_another_order(
+    run: Run, folder: Path
+) -> None:
+    motors = '<position joint="{}" kp="30" kv="1"/><position joint="{}" kp="30" kv="1"/>'
+    link = '<joint name="{}" axis="0 1 0"/><geom size="0.05" pos="0 0 -0.2"/>'
+    arm = f'<body pos="0 {{}} 0">{link}</body>'
+    bodies = {"knee": arm.format(0, "knee"), "ankle": arm.format(1, "ankle")}
+    tables = ""
+    for first, second in (("knee", "ankle"), ("ankle", "knee")):
+        world = f"<worldbody>{bodies[first]}{bodies[second]}</worldbody>"
+        actuators = f"<actuator>{motors.format(first, second)}</actuator>"
+        (folder / f"{first}.xml").write_text(f"<mujoco>{world}{actuators}</mujoco>")
+        log(folder / f"{first}.csv", **ankle())
+        tables += f'[[experiment]]\nmodel = "{first}.xml"\nrecordings = ["{first}.csv"]\n'
+    (folder / "two.toml").write_text(tables)
+    outcome = run("diagnose", "two.toml", "--effect", "viscous_friction", "--json")
+    assert (outcome.status, outcome.err) == (0, "")
+    alone = run("compare", "knee.xml", "knee.csv", "--json")
+    sizes = [json.loads(one.out)["gap"]["joints"] for one in (outcome, alone)]
+    for joint in ("knee", "ankle"):
+        before = [size[joint]["before"] for size in sizes]
+        assert before[0] == pytest.approx(before[1], rel=1e-3)
+
+
 def test_a_manifest_runs_code_only_where_that_is_allowed(run: Run, folder: Path) -> None:
     (folder / "trap.py").write_text(
         f"from pathlib import Path\nPath('ran').touch()\ndef leg(): return {SERVO!r}\n"
@@ -687,6 +730,27 @@ def test_simulate_records_what_diagnose_reads(run: Run, folder: Path) -> None:
     assert named["effect"] == "torque_bias"
     value = float(re.findall(r"[-+][\d.]+", hidden)[0])
     assert named["parameters"][0]["value"] == pytest.approx(value, rel=0.05)
+
+
+def test_simulate_replaces_rehearsals_only(run: Run, folder: Path) -> None:
+    few = ("simulate", "servo.xml", "--hide", "none", "--seconds", 1, "--out")
+    assert run(*few, "logs").status == 0
+    first = (folder / "logs/steps.csv").read_bytes()
+    assert run(*few, "logs", "--seed", 1).status == 0
+    assert (folder / "logs/steps.csv").read_bytes() != first
+    (folder / "mine").mkdir()
+    own = folder / "mine/steps.csv"
+    own.write_text("mine")
+    refused(run(*few, "mine"), "mine/steps.csv: is in the way", "--out", "--overwrite")
+    assert [path.name for path in (folder / "mine").iterdir()] == ["steps.csv"]
+    assert own.read_text() == "mine"
+    assert run(*few, "mine", "--overwrite").status == 0
+    assert own.read_bytes() == first
+    # A rehearsal is not lost to a diagnosis of it, either.
+    diagnose = ("diagnose", "servo.xml", "logs/chirp.csv", "--effect", "armature", "--out", "logs")
+    refused(run(*diagnose), "logs: has .walkerkit-run.json of another run", "--overwrite")
+    assert run(*diagnose, "--overwrite").status == 0
+    assert (folder / "logs/chirp.csv").exists()
 
 
 @pytest.mark.parametrize(

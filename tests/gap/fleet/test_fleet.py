@@ -169,7 +169,7 @@ def test_a_robot_that_fails_is_reported_and_the_rest_is_kept(
 
 def test_only_the_same_input_is_kept(robots: Path, here: Path, tmp_path: Path) -> None:
     from walkerkit.gap.fleet.engine import Failure
-    from walkerkit.gap.fleet.folder import MARK, kept, write_failure
+    from walkerkit.gap.fleet.folder import kept, write_failure
     from walkerkit.gap.fleet.manifest import load_fleet
     from walkerkit.gap.fleet.member import Job
 
@@ -190,12 +190,53 @@ def test_only_the_same_input_is_kept(robots: Path, here: Path, tmp_path: Path) -
     (folder / "notes.txt").write_text("mine")
     (folder / "model.xml").unlink()
     assert kept(folder, job()) is None
-    write_failure(folder, Failure(message="it broke", details="Traceback"))
-    assert sorted(path.name for path in folder.iterdir()) == ["failure.txt", "notes.txt"]
-    (folder / MARK).write_text('{"schema": 1, "key": "", "files": ["diagnosis.json", "../x"]}')
+    write_failure(folder, Failure(message="it broke", details="Traceback"), overwrite=False)
+    left = [".walkerkit-run.json", "failure.txt", "notes.txt"]
+    assert sorted(path.name for path in folder.iterdir()) == left
+    assert kept(folder, job()) is None
+    mark = json.loads((folder / left[0]).read_text())
+    (folder / left[0]).write_text(json.dumps({**mark, "files": ["failure.txt", "../x"]}))
     (tmp_path / "x").write_text("not ours")
-    write_failure(folder, Failure(message="it broke again"))
+    write_failure(folder, Failure(message="it broke again"), overwrite=False)
     assert (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize("mine", ["unit-1/model.xml", "unit 2/report.html", "fleet.json"])
+def test_files_of_the_users_own_stay(robots: Path, here: Path, tmp_path: Path, mine: str) -> None:
+    (tmp_path / mine).parent.mkdir(exist_ok=True)
+    (tmp_path / mine).write_text("mine")
+    before = contents(tmp_path)
+    with pytest.raises(gap.InputError, match=rf"{mine}: is in the way.*--overwrite"):
+        gap.diagnose_fleet(robots / "fleet.toml", tmp_path, workers=2, **FEW)
+    assert contents(tmp_path) == before  # and nothing was diagnosed in vain
+    gap.diagnose_fleet(robots / "fleet.toml", tmp_path, workers=2, overwrite=True, **FEW)
+    assert contents(tmp_path) == contents(here)
+    # From now on they are the fleet's.
+    gap.diagnose_fleet(robots / "fleet.toml", tmp_path, workers=2, window=0.4, **FEW)
+
+
+def test_a_result_of_diagnose_is_none_of_a_fleet(robots: Path, tmp_path: Path) -> None:
+    logs = [robots / "unit-1" / f"{name}.csv" for name in "ab"]
+    gap.diagnose(robots / "servo.xml", logs, out=tmp_path, n_threads=1, **FEW)
+    before = contents(tmp_path)
+    with pytest.raises(gap.InputError, match="is in the way"):
+        gap.diagnose_fleet(robots / "fleet.toml", tmp_path, workers=2, **FEW)
+    assert contents(tmp_path) == before
+
+
+def test_what_is_in_the_way_of_an_asset_stays(tmp_path: Path) -> None:
+    from walkerkit.gap.fleet.engine import Done
+    from walkerkit.gap.fleet.fleet import _written
+    from walkerkit.gap.fleet.member import Made
+
+    (tmp_path / "unit-1").mkdir()
+    (tmp_path / "unit-1/foot.stl").write_text("mine")
+    made = Made(files={"diagnosis.json": b"{}", "foot.stl": b"ours"}, key="key")
+    outcome = _written(tmp_path, "unit-1", Done(index=0, value=made), False)
+    assert outcome.failure is not None
+    assert outcome.failure.refused
+    assert "foot.stl: is in the way" in outcome.failure.message
+    assert contents(tmp_path) == {"unit-1/foot.stl": b"mine"}
 
 
 def test_what_is_wrong_before_the_work_stops_it(robots: Path, tmp_path: Path) -> None:

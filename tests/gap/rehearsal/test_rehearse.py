@@ -19,6 +19,7 @@ from walkerkit.gap.rehearsal import demo
 from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NOT_THE_ROBOTS
 from walkerkit.gap.rehearsal.rehearse import EXPERIMENTS, LONGEST, RATE, Rehearsal, rehearse
 from walkerkit.gap.rehearsal.standing import write_standing
+from walkerkit.gap.report.output import check_free
 from walkerkit.walkers.leg import LEG_XML
 
 ARM = """
@@ -242,3 +243,25 @@ def test_the_command_says_what_was_hidden_and_where_to_look(
     again = workflow.compare(out / "leg.xml", files, n_threads=1)
     content = json.loads((out / "diagnosis.json").read_text())
     assert again.gap.position.before == pytest.approx(content["gap"]["before"], rel=1e-5)
+    # The next demo may replace all of it, and nothing else may.
+    files = [out / demo.LEG, *(out / name for name in demo.FILES.values())]
+    assert all(file.is_file() for file in files)
+    own = [file.relative_to(out).as_posix() for file in files] + ["model.xml"]
+    check_free(out, own, kind=demo.KIND, overwrite=False)
+    with pytest.raises(InputError, match=r"leg.xml: is in the way"):
+        check_free(out, own, kind="rehearsal", overwrite=False)
+
+
+@pytest.mark.parametrize("mine", ["leg.xml", "recordings/steps.csv"])
+def test_a_demo_leaves_files_of_the_users_own_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mine: str
+) -> None:
+    def work(*arguments: object, **options: object) -> None:
+        raise AssertionError("worked in vain")
+
+    monkeypatch.setattr(demo, "rehearse", work)
+    (tmp_path / mine).parent.mkdir(exist_ok=True)
+    (tmp_path / mine).write_text("mine")
+    with pytest.raises(InputError, match=rf"{mine}: is in the way.*--overwrite"):
+        demo.run(out=tmp_path)
+    assert (tmp_path / mine).read_text() == "mine"

@@ -44,6 +44,13 @@ def test_only_the_first_three_locations(leg: LegDiagnosis) -> None:
     assert "50 %" in where
 
 
+def test_locations_of_the_effort_say_so(leg: LegDiagnosis) -> None:
+    diagnosis = leg()
+    effort = tuple(replace(at, signal="effort") for at in diagnosis.locations)
+    assert "of the effort gap" in as_text(replace(diagnosis, locations=effort))
+    assert "of the gap" in as_text(diagnosis)
+
+
 def test_doubts_bounds_and_bodies(confused: Diagnosis) -> None:
     text = as_text(confused)
     assert row(text, "payload  ") == "payload body shin mass 0.500 (at its bound) kg 91 % 2.4 mrad"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -22,11 +23,34 @@ def test_an_effort_that_stays_is_not_explained(after: float, explained: bool) ->
 
 
 @pytest.mark.parametrize(
+    ("before", "after", "floor", "closed"),
+    [
+        (0.0, 0.0, 0.0, 1.0),
+        (0.0, 0.1, 0.0, 0.0),
+        (0.0, 0.1, 0.02, 0.0),
+        (0.1, 0.1, 0.0, 0.0),
+        (0.1, 0.05, 0.0, 0.0),  # of an endless way
+        (0.01, 0.1, 0.02, 0.0),  # from below its floor
+        (0.5, math.inf, 0.02, 0.0),
+        (0.2, 0.3, 0.02, 0.0),
+        (0.2, 0.1, 0.05, 0.5),
+    ],
+)
+def test_how_much_of_a_gap_is_closed(
+    before: float, after: float, floor: float, closed: float
+) -> None:
+    size = GapSize(unit="rad", before=before, after=after, noise_floor=floor)
+    assert size.closed == pytest.approx(closed)
+    assert size.mostly_closed is (closed >= 0.5)
+
+
+@pytest.mark.parametrize(
     ("before", "after", "finer", "clear"),
     [
         (0.05, 0.004, 0.0030, 1.0),  # far above what the timestep leaves
         (0.012, 0.008, 0.0070, 0.79),  # hardly above it, and more is left at a finer one
         (0.003, 0.003, 0.0030, 0.0),
+        (0.0, 0.003, 0.0030, 0.0),
         (0.012, 0.004, 0.0014, 1.0),  # nothing is left at a finer one
         (0.012, 0.00011, 0.0040, 1.0),  # the log has the same error
     ],

@@ -168,7 +168,8 @@ def test_an_effort_gap_has_its_own_map():
     cells = gap_map([regimes(replay, JOINTS)], [replay], [residual], JOINTS, "effort")
     assert {at.joint for at in cells} == {"knee"}
     first = standing_out(cells)[0]
-    assert (first.regime, first.rms) == ("high_effort", pytest.approx(0.5))
+    assert (first.signal, first.regime) == ("effort", "high_effort")
+    assert first.rms == pytest.approx(0.5)
 
 
 PENDULUM = """

@@ -141,7 +141,7 @@ DIAGNOSIS = {
         "joints": {str: SIZE},
         "signals": {str: {"unit": str, **SIZE}},
     },
-    "locations": [{"joint": str, "regime": str, "share": NUMBER, "lift": NUMBER}],
+    "locations": [{"joint": str, "regime": str, "signal": str, "share": NUMBER, "lift": NUMBER}],
     "effects": [(EFFECT, BODY_EFFECT, REASONED, REASONED_BODY)],
     "next_experiment": (EXPERIMENT, SET_UP, None),
     "recordings": [str],
@@ -194,7 +194,7 @@ def check_diagnosis(content: dict[str, Any]) -> None:
 
 
 def test_the_check_can_fail() -> None:
-    good = {"joint": "knee", "regime": "late", "share": 0.5, "lift": 1.5}
+    good = {"joint": "knee", "regime": "late", "signal": "effort", "share": 0.5, "lift": 1.5}
     (form,) = DIAGNOSIS["locations"]  # type: ignore[misc]
     assert fits(good, form)
     for bad in ({**good, "lift": 1}, {**good, "more": 1.0}, {"joint": "knee"}, good | {"joint": 1}):

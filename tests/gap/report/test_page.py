@@ -91,6 +91,8 @@ def test_sections_from_the_verdict_to_the_use(leg: LegDiagnosis, tmp_path: Path)
     assert places == sorted(places), dict(zip(order, places, strict=True))
     assert -1 not in places
     assert CATALOGUE["coulomb_friction"].equation in page.text
+    for says in ("except limits, rest angles, timesteps", "less where a gap is left, and where"):
+        assert says in page.text
     assert {"name": "viewport", "content": "width=device-width, initial-scale=1"} in (
         page.attributes("meta")
     )
@@ -115,6 +117,16 @@ def test_the_map_is_a_table_that_needs_no_pointer(leg: LegDiagnosis, tmp_path: P
     )
     assert cells[0]["class"] == "l5"
     assert cells[1]["class"] in ("l0", "l1")  # what remains, in the same shades
+
+
+@pytest.mark.parametrize("signal", ["position", "effort"])
+def test_places_are_said_to_be_of_the_signal_that_they_are_of(
+    leg: LegDiagnosis, tmp_path: Path, signal: str
+) -> None:
+    diagnosis = leg()
+    found = tuple(replace(at, signal=signal) for at in diagnosis.locations)
+    page = read(replace(diagnosis, locations=found), tmp_path)
+    assert f"of the squared {signal} gap" in page.text
 
 
 def test_held_out_recordings_come_first_and_the_worst_joint_is_shown(
@@ -165,13 +177,17 @@ def test_an_experiment_with_a_model_of_its_own_comes_with_its_manifest(
         instruction="Put 0.5 kg on body shin.",
         model="next_experiment.xml",
     )
-    write_report(replace(confused, next_experiment=payload), tmp_path / "r.html", title="leg")
+    again = '[[experiment]]\nmodel = "<a> & b.xml"\n'
+    write_report(
+        replace(confused, next_experiment=payload),
+        tmp_path / "r.html",
+        title="leg",
+        experiments=again,
+    )
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    found = re.search(r"<code>(# experiments.toml.*?)</code>", page, re.DOTALL)
+    found = re.search(r"<code>(\[\[experiment.*?)</code>", page, re.DOTALL)
     assert found is not None
-    manifest = tomllib.loads(html.unescape(found[1]))
-    assert [one["model"] for one in manifest["experiment"]] == ["leg.xml", "next_experiment.xml"]
-    assert manifest["experiment"][0]["recordings"] == ["chirp.csv", "steps.csv", "walk.csv"]
+    assert tomllib.loads(html.unescape(found[1])) == tomllib.loads(again)
 
 
 def test_models_are_used_where_they_are(leg: LegDiagnosis, tmp_path: Path) -> None:

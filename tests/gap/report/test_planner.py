@@ -207,6 +207,34 @@ def test_what_would_fall_is_not_let_go(tmp_path: Path) -> None:
     assert planned is None or planned.experiment.set_up != "motor_off"
 
 
+@pytest.mark.parametrize(
+    ("lift", "limited", "beyond", "safe"),
+    [
+        (False, False, 0.2, True),
+        (False, False, 0.3, False),
+        (True, False, 0.0, True),
+        (True, False, 0.01, False),
+        (True, True, 0.2, True),
+        (True, True, 0.24, False),
+    ],
+)
+def test_a_slide_goes_beyond_where_it_has_been_only_within_its_range(
+    tmp_path: Path, lift: bool, limited: bool, beyond: float, safe: bool
+) -> None:
+    moved = driven(tmp_path, 'velocity joint="knee" kv="1"', lift=lift)
+    bench = planner._Bench(moved, [member(moved, "viscous_friction", 0.1)] * 2)
+    (as_it_is, *_) = planner.set_ups(
+        bench.robot, ["knee"], concerned=["knee"], efforts=True, excitations=["steps"]
+    )
+    reached = bench.robot.excursion("knee")
+    bench.robot.model.jnt_limited[:] = limited
+    bench.robot.model.jnt_range[:] = reached.lower, reached.upper + 0.22 * reached.range
+    position = bench.channels.index(Channel(joint="knee", signal="position"))
+    predicted = np.zeros((2, 5, len(bench.channels)))
+    predicted[..., position] = reached.upper + beyond * reached.range
+    assert bench.is_safe(predicted, as_it_is) is safe
+
+
 def test_a_motor_that_takes_effort_is_switched_off_to_tell_its_joint_s_frictions(
     tmp_path: Path,
 ) -> None:
@@ -300,6 +328,26 @@ def test_there_is_none_for_joints_of_which_some_take_no_targets(tmp_path: Path) 
     mixed = problem(tmp_path / "mixed.xml", [Recording(name="log", time=time, columns=columns)])
     members = [member(mixed, "viscous_friction", 0.2), member(mixed, "coulomb_friction", 0.1)]
     assert next_experiment(mixed, members) is None
+    assert "all sent positions, all velocities, or all efforts" in planner.obstacle(mixed)
+
+
+@pytest.mark.parametrize("joints", [2, 3])
+def test_nobody_holds_three_joints_that_take_effort(tmp_path: Path, joints: int) -> None:
+    names = [f"joint_{k}" for k in range(joints)]
+    inner = ""
+    for name in reversed(names):
+        link = f'<joint name="{name}" axis="0 1 0"/><geom size="0.03" pos="0 0 -0.1"/>{inner}'
+        inner = f'<body pos="0 0 -0.2">{link}</body>'
+    motors = "".join(f'<motor joint="{name}"/>' for name in names)
+    text = f"<mujoco><worldbody>{inner}</worldbody><actuator>{motors}</actuator></mujoco>"
+    (tmp_path / "chain.xml").write_text(text)
+    time = np.arange(0.0, 2.0, 0.004)
+    columns = {f"{name}/position": 0.3 * np.cos(5 * time) for name in names}
+    columns |= {f"{name}/effort_target": 0.1 * np.sin(5 * time) for name in names}
+    chain = problem(tmp_path / "chain.xml", [Recording(name="log", time=time, columns=columns)])
+    told = planner.obstacle(chain)
+    assert ("one or two joints on a base that stands still" in told) == (joints > 2)
+    assert bool(told) == (joints > 2)
 
 
 @pytest.mark.parametrize("pushed", [False, True])
