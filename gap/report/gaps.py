@@ -121,9 +121,14 @@ class Gap:
 def _standing_out(joints: Mapping[str, GapSize]) -> tuple[str, ...]:
     """Joints whose own gap is far above their own floor, by how far.
 
-    Many others that are at theirs hide it in the gap of all, as does one of another unit.
+    Many others that are at theirs hide it in the gap of all, as does one of another unit. What the
+    timestep leaves at one joint is no better known than what it leaves at its neighbours.
     """
-    far = {name: size.after / size.floor for name, size in joints.items() if size.floor > 0}
+    numerical: dict[str, float] = {}
+    for size in joints.values():
+        numerical[size.unit] = max(numerical.get(size.unit, 0.0), size.numerical_floor)
+    floors = {n: math.hypot(one.noise_floor, numerical[one.unit]) for n, one in joints.items()}
+    far = {n: one.after / floors[n] for n, one in joints.items() if floors[n] > 0}
     return tuple(sorted((n for n in far if far[n] > _JOINT_AT_FLOOR), key=lambda n: -far[n]))
 
 
