@@ -95,9 +95,13 @@ class Setup:
     @property
     def may_split_in_time(self) -> bool:
         """Whether the recordings were split by us, and not in time already."""
-        declared = any(experiment.held_out for experiment in self.experiments)
         given = sum(len(experiment.recordings) for experiment in self.experiments)
-        return not declared and len(self.recordings) == given
+        return not self.declared and len(self.recordings) == given
+
+    @property
+    def declared(self) -> bool:
+        """Whether the user said what is held out."""
+        return any(experiment.held_out for experiment in self.experiments)
 
     def split_in_time(self) -> Setup:
         """The same with blocks of time held out instead of whole recordings."""
@@ -192,7 +196,13 @@ def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -
     """Names effects, mends the robots and puts it all into words."""
     problem, rounds = _named(setup, chosen, progress)
     last, told = rounds[-1], list[str]()
-    if setup.may_split_in_time and last.one_sided and not last.fit.structure.terms:
+    one_sided = last.one_sided and not last.fit.structure.terms
+    if one_sided and setup.declared:
+        told.append(
+            "The recordings that were to be held out do not show what the others show, so that "
+            "nothing can be confirmed on them. Hold out others, or say nothing of which."
+        )
+    elif one_sided and setup.may_split_in_time:
         # An effect that one recording alone excites can be neither fitted nor confirmed on others.
         in_time = setup.split_in_time()
         other_problem, other_rounds = _named(in_time, chosen, progress)

@@ -30,6 +30,7 @@ from walkerkit.gap.report.replayed import (
 )
 from walkerkit.gap.report.stand_ins import stand_ins
 from walkerkit.gap.report.wording import telling
+from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.naming import Round
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
@@ -220,9 +221,14 @@ def summarise(
     after = before
     if final.structure.terms:
         after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
-    gap = gap_of(problem, before["held"], after["held"])
+    told, gap = "held", gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, rounds, after["held"])
     verdict = _verdict(gap, bool(effects))
+    if verdict == "no_gap":
+        # Nothing was fitted, so that the other recordings tell as much.
+        other = gap_of(problem, before["fit"], before["fit"])
+        if _verdict(other, named=False) != verdict:
+            told, gap, verdict = "fit", other, "unexplained"
     most = _most_sure(gap, verdict)
     groups = stand_ins(problem, final)
     limits = {name: _SURE_OF_SEVERAL for group in groups for name in group}
@@ -230,16 +236,17 @@ def summarise(
         replace(one, confidence=min(most, limits.get(one.effect, 1.0)) * one.confidence)
         for one in effects
     )
+    half: Half = getattr(problem, told)
     maps = gap_maps(problem, before, after)
     of = {one.signal: one for one in maps}
-    told = of.get(telling(gap)[0], of.get("position"))
+    map_told = of.get(telling(gap)[0], of.get("position"))
     everything = problem.recordings
     following = next_experiment(problem, confusion_set(rounds, _MOST_RIVALS))
     diagnosis = Diagnosis(
         verdict=verdict,
         gap=gap,
-        locations=standing_out(told.before) if told else (),
-        remaining=standing_out(told.after) if told and verdict != "no_gap" else (),
+        locations=standing_out(map_told.before) if map_told else (),
+        remaining=standing_out(map_told.after) if map_told and verdict != "no_gap" else (),
         maps=maps,
         effects=effects,
         considered=tuple(
@@ -276,7 +283,7 @@ def summarise(
         seconds=seconds,
         searched=searched,
         only=only,
-        held_out=tuple(dict.fromkeys(r.name for group in problem.held.recordings for r in group)),
+        held_out=tuple(dict.fromkeys(r.name for group in half.recordings for r in group)),
     )
     return Result(
         diagnosis=diagnosis,

@@ -24,7 +24,7 @@ from walkerkit.gap.search.places import refit
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms
 from walkerkit.gap.search.trying import Key, Tried, Tries, key_of
-from walkerkit.gap.search.worth import confidence, one_sided, tied, worth_it
+from walkerkit.gap.search.worth import confidence, one_sided, only_fitted, tied, worth_it
 
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _NEARLY_NOTHING = 0.1  # of all joints', where it was nothing else
@@ -340,8 +340,9 @@ def _told(
             confidence=0.0,
             fit=current,
             evidence=base,
-            one_sided=bool(tried.fits)
-            and one_sided(problem, Evidence.joined([base, tried.evidence])),
+            one_sided=one_sided(problem, Evidence.joined([base, tried.evidence]))
+            if tried.fits
+            else only_fitted(problem, base),
             whole=whole,
         )
     )

@@ -22,6 +22,7 @@ _LARGE, _CHANCE_OF_LARGE = 0.25, 0.15  # gaps a quarter smaller, which few block
 _OVER_NOISE = 0.5  # what an effect explains of some channel, over its noise
 _OVER_NUMERICAL = 0.4  # and over what half the timestep changes, which is taken out already
 _MUCH_LARGER = 0.4  # a gap, as ½ log of its square
+_NO_NOISE = 2.0  # times noise and numerical error together
 _TIED = 0.2  # of resamples in which the second is first
 _CLOSE = 0.1  # scores, summed over the channels, this near are the same explanation
 
@@ -84,6 +85,14 @@ def one_sided(problem: Problem, evidence: Evidence) -> bool:
             return True
     excess = _by_joint(problem, evidence.mean_square[0], evidence.fitted_mean_square[0])
     return max(excess) > _MUCH_LARGER
+
+
+def only_fitted(problem: Problem, evidence: Evidence) -> bool:
+    """Whether fit 0 leaves a gap of what was fitted, far larger than of what was held out."""
+    left = np.sqrt(evidence.fitted_mean_square[0])
+    floor = np.hypot(problem.noise, problem.fit.objective.numerical_size())
+    excess = _by_joint(problem, evidence.fitted_mean_square[0], evidence.mean_square[0])
+    return bool((left > _NO_NOISE * floor).any() and max(excess) > _MUCH_LARGER)
 
 
 def _by_joint(problem: Problem, before: FloatArray, after: FloatArray) -> list[float]:

@@ -315,15 +315,16 @@ class Replay:
                 # Effort is recorded as of the beginning of a step, the state as of its end.
                 series, age = series[..., joint.dof], lead - prompt[..., k]
                 jumps = group.jumps(joint, ctrl, applied, field)
-                if jumps is not None:
-                    jumps = scale * jumps[:, :, before:]
-                    if self.robot.reads_effort_first:
-                        jumps = np.where(group.at_limit(joint, series, field), 0.0, jumps)
+                limited = group.at_limit(joint, series, field)
                 if applied is not None:  # the same drive makes it, so its log shows it
                     series = series + applied[..., joint.dof]
                 if changed is not None:
                     series = series + changed[..., k]
                 series = scale * series + offset
+                if jumps is not None:
+                    jumps = scale * jumps[:, :, before:]
+                    if self.robot.reads_effort_first:
+                        jumps = _within_limits(jumps, series, limited)
             else:
                 place = np.concatenate(
                     [qpos[..., [k]], _at_encoder(trials, joint, records["qpos"], "qpos")], axis=2
@@ -401,6 +402,17 @@ def as_they_are(replays: Sequence[Replay], n_threads: int) -> list[FloatArray]:
     """What each of several replays predicts, (rows, channels), of its robot as it is."""
     trials = [Trials(replay.robot, 1) for replay in replays]
     return [one[0] for one in predict_together(replays, trials, n_threads)]
+
+
+def _within_limits(jumps: FloatArray, series: FloatArray, limited: NDArray[np.bool_]) -> FloatArray:
+    """How far an effort jumps with its target, which is less where it is cut off on either side.
+
+    All are (n, n_segments, steps); `limited` says where the drive makes all that it can.
+    """
+    cut = limited.copy()
+    cut[..., 1:] |= limited[..., :-1]
+    step = np.diff(series, axis=2, prepend=series[..., :1])
+    return np.where(cut & (jumps != 0), step, jumps)
 
 
 def _clocks(trials: Trials, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:

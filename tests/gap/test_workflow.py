@@ -266,6 +266,24 @@ def test_efforts_may_be_read_before_the_targets_beside_them_act(
         assert values(named) == pytest.approx({named.parameters[0].name: value}, rel=0.1)
 
 
+def test_what_the_held_out_recording_does_not_show_is_not_missed(servo: Path) -> None:
+    """The motor saturates in fast motions alone, and a slow one is held out."""
+    hidden = [hide("effort_limit", forcerange=0.8)]
+    fast, slow, faster = run_hardware(servo, targets(), rate=RATE, hidden=hidden, seed=1)
+    told = workflow.compare(servo, [fast, faster, slow], n_threads=1)
+    assert told.verdict == "unexplained"
+    assert told.gap.position.before > 0.02
+    assert told.held_out == (fast.name, faster.name)
+    few = ["effort_limit", "armature"]
+    found = diagnose(servo, [fast, faster, slow], effects=few)
+    assert [named.effect for named in found.effects] == ["effort_limit"]
+    assert values(found.effects[0]) == pytest.approx({"limit": 0.8}, rel=0.02)
+    # Whoever says what is held out is told that it confirms nothing.
+    found = diagnose(servo, [fast, faster, slow], held_out=[slow], effects=few)
+    assert found.verdict == "unexplained"
+    assert any("were to be held out do not show what the others show" in n for n in found.notes)
+
+
 def test_hardware_at_another_timestep_has_no_gap(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:
