@@ -271,7 +271,14 @@ def compare(
         problem = setup.problem(_known_hold(setup.robots) or "zero_order")
         rounds = name_effects(problem, [])
         problem = problem.as_read(rounds[-1].fit)
-        found = summarise(problem, rounds, problem.robots, seconds=0.0, searched=False)
+        found = summarise(
+            problem,
+            rounds,
+            problem.robots,
+            seconds=0.0,
+            searched=False,
+            held_out_only=setup.declared,
+        )
         diagnosis = found.diagnosis
     notes = (*diagnosis.notes, *warning_notes(warned))
     return replace(diagnosis, notes=notes, seconds=time.perf_counter() - start)

@@ -202,6 +202,7 @@ def summarise(
     seconds: float,
     searched: bool = True,
     only: tuple[str, ...] | None = None,
+    held_out_only: bool = False,
 ) -> Result:
     """Puts a finished search into words and numbers.
 
@@ -212,6 +213,8 @@ def summarise(
         seconds: wall time so far.
         searched: whether effects were looked for.
         only: their names, where it was not the whole catalogue.
+        held_out_only: whether the gap is that of what is held out even where nothing was fitted,
+            so that the other recordings tell as much of it.
 
     Returns:
         The result.
@@ -224,8 +227,7 @@ def summarise(
     told, gap = "held", gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, rounds, after["held"])
     verdict = _verdict(gap, bool(effects))
-    if verdict == "no_gap":
-        # Nothing was fitted, so that the other recordings tell as much.
+    if verdict == "no_gap" and not held_out_only:
         other = gap_of(problem, before["fit"], before["fit"])
         if _verdict(other, named=False) != verdict:
             told, gap, verdict = "fit", other, "unexplained"

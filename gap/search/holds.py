@@ -11,6 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.search.evidence import weigh
 from walkerkit.gap.search.fit import Progress, evaluate, polished
@@ -18,6 +21,8 @@ from walkerkit.gap.search.naming import Round, name_effects
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Structure, candidate_terms, carried
 from walkerkit.gap.simulation.commands import Hold
+
+FloatArray = NDArray[np.float64]
 
 _FLEXIBLE_STEPS = 8
 _FLEXIBLE = (
@@ -97,16 +102,24 @@ def _flexible_score(problem: Problem, named: Fit) -> float:
     """How well what was named explains the recordings beside a drive whose numbers are free.
 
     Its friction, inertia, gains and bias. From what was named, as fits from nothing get stuck where
-    much is missing, and would compare where they did.
+    much is missing, and would compare where they did; and from nothing, as what was named may stand
+    in for other targets, and is in the way where these are right.
     """
-    present = {term.effect.name for term in named.structure.terms}
+    found = [_beside_a_free_drive(problem, named.structure, named.values)]
+    if named.structure.terms:
+        found.append(_beside_a_free_drive(problem, problem.nothing, np.zeros(0)))
+    return min(found)
+
+
+def _beside_a_free_drive(problem: Problem, known: Structure, values: FloatArray) -> float:
+    present = {term.effect.name for term in known.terms}
     effects = [CATALOGUE[name] for name in _FLEXIBLE if name not in present]
     terms = candidate_terms(effects, problem.robots, problem.joints)
-    structure = Structure((*named.structure.terms, *terms), problem.robots)
-    values = carried(named.values, named.structure, structure)
-    problem.searched.look_at(Case(structure=structure, values=values[None]))
+    structure = Structure((*known.terms, *terms), problem.robots)
+    free = carried(values, known, structure)
+    problem.searched.look_at(Case(structure=structure, values=free[None]))
     race = problem.race.objective
-    (start,) = evaluate(race, [(structure, values)])
+    (start,) = evaluate(race, [(structure, free)])
     problem.race.refine(start)
     (found,) = polished(race, [start], iterations=_FLEXIBLE_STEPS, certain=False)
     problem.refine(found)

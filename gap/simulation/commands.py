@@ -1,8 +1,9 @@
 """The recorded commands as the controls of a simulation.
 
-Between samples a target is held, as a drive holds its last command, or interpolated, which comes
-closer to a loop that runs at the rate of the log; before the first sample it is the first. Or it is
-the next sample, where a row is written after the step that its target was for.
+Between samples a target is held, as a drive holds its last command, or interpolated but for its
+steps, which comes closer to a loop that runs at the rate of the log, or faster; before the first
+sample it is the first. Or it is the next sample, where a row is written after the step that its
+target was for.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from walkerkit.gap.simulation.robot import Joint, Robot
 FloatArray = NDArray[np.float64]
 
 Hold = Literal["zero_order", "linear", "next"]
+
+_STEP = 4.0  # times what a target moves just before and after, which no motion does
 
 _KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
 
@@ -101,8 +104,9 @@ def between_samples(
         recording: the log.
         column: name of a column.
         time: (n,) instants of steps [s].
-        hold: `zero_order` for the last sample before each, `linear`, or `next` for the sample after
-            each, of logs that show at the end of a period what was commanded in it.
+        hold: `zero_order` for the last sample before each, `linear` for a line to the sample after
+            each unless the target steps there, or `next` for that sample, of logs that show at the
+            end of a period what was commanded in it.
         step: the steps' length [s].
 
     Returns:
@@ -111,9 +115,19 @@ def between_samples(
     # A part starts in the middle of a motion: what was commanded before is on its way.
     recording = recording.whole
     values = recording.columns[column]
-    if hold == "linear":
-        return np.interp(time, recording.time, values)
     index = np.searchsorted(recording.time, time + NEAREST * step, side="right") - 1
     if hold == "next":
         index += 1
-    return values[np.clip(index, 0, len(values) - 1)]
+    index = np.clip(index, 0, len(values) - 1)
+    if hold == "linear":
+        return np.where(
+            _steps(values)[index], values[index], np.interp(time, recording.time, values)
+        )
+    return values[index]
+
+
+def _steps(values: FloatArray) -> NDArray[np.bool_]:
+    """(n,) where a target steps between a sample and the next."""
+    moved = np.abs(np.diff(values, append=values[-1:]))
+    beside = np.maximum(np.roll(moved, 1), np.roll(moved, -1))
+    return moved > _STEP * beside

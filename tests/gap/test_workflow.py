@@ -636,6 +636,23 @@ def test_a_joint_that_never_moves_does_not_hide_the_others(tmp_path: Path) -> No
     assert values(named) == pytest.approx({"bias": 0.3}, rel=0.1)
 
 
+def test_a_log_that_shows_what_was_commanded_before_has_no_gap(servo: Path) -> None:
+    """As of a script that sets the control, steps, and logs: what was commanded until then."""
+    late = [
+        replace(
+            one,
+            columns={
+                **one.columns,
+                "knee/position_target": np.roll(one.columns["knee/position_target"], 1),
+            },
+        ).between(0.1, 3.9)
+        for one in stepped(5e-4, 1e-4)
+    ]
+    found = diagnose(servo, late, effects=[*MOVING, "clock_skew"])
+    nothing_named(found)
+    assert any("move the targets up by a row" in note for note in found.notes), found.notes
+
+
 def test_compare_measures_the_gap_that_diagnose_starts_from(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:

@@ -64,6 +64,16 @@ def held(recording, column, instants, step=STEP):
     return np.array(found)
 
 
+def interpolated(recording, column, instant, step=STEP):
+    """A line from sample to sample, but held where the hip's target changes its sign."""
+    before = held(recording, column, [instant], step)[0]
+    later = recording.time > instant
+    after = recording.columns[column][later][0] if later.any() else before
+    if column == "hip/position_target" and abs(after - before) > 0.5:
+        return before
+    return np.interp(instant, recording.time, recording.columns[column])
+
+
 def measured_start(recording, joint, instant):
     """Position and velocity from a cubic through 50 ms, on a uniform grid, between its points."""
     time, values = recording.time, recording.columns[f"{joint}/position"]
@@ -174,8 +184,7 @@ class TestByHand:
             robot.model,
             starts(recording, time[0]),
             lambda t: [
-                np.interp(time[0] + t, time, recording.columns[f"{j}/position_target"])
-                for j in JOINTS
+                interpolated(recording, f"{j}/position_target", time[0] + t) for j in JOINTS
             ],
             time - time[0],
             held=False,
@@ -604,7 +613,7 @@ class TestCommands:
         )
         np.testing.assert_allclose(
             between_samples(recording, column, at, "linear", 1e-3),
-            np.interp(at, time, recording.columns[column]),
+            [interpolated(recording, column, t, 1e-3) for t in at],
         )
         values = recording.columns[column]
         earlier = replace(
