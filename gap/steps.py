@@ -76,7 +76,8 @@ def load(
 
     Returns:
         What the other steps take: its `robots`, `joints`, `noise` (of each of its `channels`), and
-        the recordings that are fitted (`fit`) and held out (`held`).
+        the recordings that are fitted (`fit`) and held out (`held`). Whether efforts were read
+        before the targets beside them acted is decided as by `compare`.
 
     Raises:
         InputError: the model, a recording, `window` or `hold` cannot be used.
@@ -86,7 +87,9 @@ def load(
     experiments = load_experiments(model, recordings, held_out=held_out, allow_code=allow_code)
     setup = prepare(experiments, window=window, n_threads=n_threads, allow_outside=allow_outside)
     known = next((robot.hold for robot in setup.robots if robot.hold is not None), None)
-    return setup.problem(hold or known or "zero_order")
+    problem = setup.problem(hold or known or "zero_order")
+    (nothing,) = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])
+    return problem.as_read(nothing)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from tests.gap.simulation.follow import Follow
 from walkerkit import gap
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.rehearse import rehearse
 from walkerkit.gap.report.wording import verdict_sentence
 from walkerkit.gap.search.structure import Case
@@ -52,10 +53,23 @@ def diagnosed(bench, rehearsal):
     return gap.diagnose(bench, rehearsal.recordings, effects=effects)
 
 
+@pytest.fixture(scope="module")
+def read_first(bench):
+    """Logs of a loop that reads, computes and sends: an effort is of the target before."""
+    time = np.arange(0, 2, 0.004)
+    targets = [0.4 * np.sign(np.sin(size * time))[:, None] for size in (5, 6, 7)]
+    return run_hardware(bench, targets, rate=250, seed=1, reads_first=True)
+
+
 class TestReplay:
-    def test_is_what_compare_measures(self, bench, rehearsal, problem):
-        compared = gap.compare(bench, rehearsal.recordings)
-        replayed = gap.replay(problem)
+    @pytest.mark.parametrize("logs", ["rehearsal", "read_first"])
+    def test_is_what_compare_measures(self, bench, logs, request):
+        recordings = request.getfixturevalue(logs)
+        recordings = getattr(recordings, "recordings", recordings)
+        compared = gap.compare(bench, recordings)
+        read = any(note.startswith("Efforts were taken to be read") for note in compared.notes)
+        assert read == (logs == "read_first")
+        replayed = gap.replay(gap.load(bench, recordings))
         assert replayed.gap == compared.gap
         assert gap.locate(replayed) == compared.locations
         for trace, other in zip(replayed.traces, compared.traces, strict=True):
