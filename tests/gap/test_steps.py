@@ -11,6 +11,7 @@ from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.rehearse import rehearse
+from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.wording import verdict_sentence
 from walkerkit.gap.search.structure import Case
 from walkerkit.gap.simulation.replay import Channel, Replay
@@ -88,6 +89,16 @@ class TestReplay:
         left, before = gap.locate(replayed), gap.locate(gap.replay(problem))
         assert left != before
 
+    def test_is_printed_in_a_line(self, problem, fitted):
+        shown = repr(gap.replay(problem))
+        assert shown.startswith(f"<Comparison: joints {JOINT}; the position error on held-out rec")
+        assert str(gap.replay(problem, fitted.robots)).endswith(" mrad after>")
+        before = gap.replay(problem).gap.position.before
+        assert f" is {quantity(before, 'rad')}>" in shown
+        first, *_ = gap.locate(gap.replay(problem))
+        assert str(first).startswith(f"{JOINT}, {first.regime}: ")
+        assert str(first).endswith(f" of the position gap, lift {first.lift:.2g}")
+
     def test_takes_one_robot_per_experiment(self, problem):
         with pytest.raises(ValueError, match="2 robots for 1 experiments"):
             gap.replay(problem, [problem.robots[0]] * 2)
@@ -107,6 +118,7 @@ class TestFit:
         row = next(line for line in str(fitted).splitlines() if "frictionloss" in line)
         assert row.split()[:3] == ["coulomb_friction", JOINT, "frictionloss"]
         assert "±" in row
+        assert repr(fitted) == f"<Fitted: coulomb_friction at {JOINT}>"
 
     def test_is_that_of_whole_rollouts_whatever_was_fitted_before(self, problem, fitted):
         whole = problem.whole.objective
