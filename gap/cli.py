@@ -72,6 +72,26 @@ Overwrite = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print diagnosis.json instead of tables.")]
 
 
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"walkerkit {version('walkerkit')}")
+        raise typer.Exit
+
+
+@app.callback()
+def program(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_tell_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """What all commands have in common."""
+
+
 @app.command()
 def demo(
     seed: Annotated[int, typer.Option(min=0, help="What is hidden, where and how large.")] = 0,

@@ -41,7 +41,7 @@ class FittedEffect:
     parameters: tuple[Estimate, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Fitted:
     """Parameters of effects that were named beforehand. Printed, it is a table.
 
@@ -102,6 +102,10 @@ class Fitted:
             has = [(o.effect, e.name, e.place) for o in self.effects for e in o.parameters]
             raise KeyError(f"{(effect, parameter, place)} is {len(found)} of the parameters {has}")
         return found[0].value
+
+    def __repr__(self) -> str:
+        found = [f"{one.effect} at {', '.join(one.places)}" for one in self.effects]
+        return f"<Fitted: {'; '.join(found) or 'nothing'}>"
 
     def __str__(self) -> str:
         size = self.gap.position

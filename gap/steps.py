@@ -31,7 +31,8 @@ from walkerkit.gap.report.diagnosis import Trace
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import locate as rank
-from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces
+from walkerkit.gap.report.quantity import quantity
+from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces, unit_of
 from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.fit import Progress, evaluate, polish
 from walkerkit.gap.search.fit import fit as improve
@@ -76,7 +77,8 @@ def load(
 
     Returns:
         What the other steps take: its `robots`, `joints`, `noise` (of each of its `channels`), and
-        the recordings that are fitted (`fit`) and held out (`held`).
+        the recordings that are fitted (`fit`) and held out (`held`). Whether efforts were read
+        before the targets beside them acted is decided as by `compare`.
 
     Raises:
         InputError: the model, a recording, `window` or `hold` cannot be used.
@@ -86,10 +88,12 @@ def load(
     experiments = load_experiments(model, recordings, held_out=held_out, allow_code=allow_code)
     setup = prepare(experiments, window=window, n_threads=n_threads, allow_outside=allow_outside)
     known = next((robot.hold for robot in setup.robots if robot.hold is not None), None)
-    return setup.problem(hold or known or "zero_order")
+    problem = setup.problem(hold or known or "zero_order")
+    (nothing,) = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])
+    return problem.as_read(nothing)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Comparison:
     """Recordings, and what robots make of their commands.
 
@@ -107,6 +111,18 @@ class Comparison:
     def gap(self) -> Gap:
         """Root-mean-square errors of the recordings that are held out."""
         return gap_of(self.problem, self.before["held"], self.after["held"])
+
+    def __repr__(self) -> str:
+        positions = [one for one in self.problem.channels if one.signal == "position"]
+        unit = unit_of(self.problem, positions)
+        before, after = (
+            quantity(half["held"].rms(positions), unit) for half in (self.before, self.after)
+        )
+        sizes = before if self.after is self.before else f"{before} before and {after} after"
+        return (
+            f"<Comparison: joints {', '.join(self.problem.joints)}; the position error on "
+            f"held-out recordings is {sizes}>"
+        )
 
     @property
     def traces(self) -> tuple[Trace, ...]:

@@ -11,7 +11,7 @@ follows or a velocity of the motor before its gear, is told in the recording's n
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -33,6 +33,7 @@ LARGEST_POSITION = 50.0
 
 _TURN = float(2 * np.pi)
 _DEGREE = _TURN / 360
+_TO_RADIANS = "multiply {} by pi/180 (numpy.deg2rad)"
 _BEYOND, _FAR_BEYOND = 1.2, 4.0  # of a joint's range, where nothing is as far
 _NEVER_SENT = 10.0  # of a joint's range, that none is asked for, be it as weak
 _ALIKE, _CLOSE = 0.9, 1.4  # correlation, and times a factor, of columns that differ in unit
@@ -102,6 +103,15 @@ class _Angles:
         if self._position_is():
             return "position"
         return "position_target" if self._target_is() else None
+
+    @property
+    def alike(self) -> bool:
+        """Whether neither is an angle of the joint, and they go about as far."""
+        both = self.position, self.target
+        return all(map(self._no_angle, both)) and all(
+            0 < max(sizes) <= _WEAK * min(sizes)
+            for sizes in ([float(np.ptp(one)) for one in both], [_peak(one) for one in both])
+        )
 
     @property
     def hardly_follows(self) -> bool:
@@ -178,7 +188,7 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
 
     Columns are in degrees where they are far beyond the joint's range and would be within it as
     degrees; a single one, where the other bears that out or it moves with the other and 57.3 times
-    as far, with a range or without.
+    as far, with a range or without. Where one of them is and both go about as far, both are.
 
     Args:
         robot: the robot; joints that it lacks are left alone.
@@ -197,12 +207,7 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
         logged = [position] if target is None else [position, target]
         where = f"the joint of {robot.source} ends at {_reach(lower, upper):.4g} rad"
         if all(_far_out(values, lower, upper, _FAR_BEYOND) for values in logged):
-            raise _refused(
-                recording,
-                f"column '{name}/position' reaches {_peak(position):.4g}, where {where}: looks "
-                f"like degrees; multiply it{'' if target is None else ' and its target'} by pi/180 "
-                "(numpy.deg2rad).",
-            )
+            raise _refused(recording, _all_in_degrees(name, logged, where))
         if target is None:
             continue
         likeness = _likeness(target, position, recording.rate)
@@ -210,6 +215,8 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
             position=position, target=target, lower=lower, upper=upper, likeness=likeness
         )
         wrong = angles.in_degrees()
+        if wrong is not None and angles.alike:
+            raise _refused(recording, _all_in_degrees(name, logged, where))
         if wrong is not None:
             peak = _peak(position if wrong == "position" else target)
             other = "position_target" if wrong == "position" else "position"
@@ -217,7 +224,7 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
                 recording,
                 f"column '{name}/{wrong}' reaches {peak:.4g}"
                 f"{'' if np.isinf(upper) else f', where {where},'} beside a '{name}/{other}' in "
-                "radians: looks like degrees; multiply it by pi/180 (numpy.deg2rad).",
+                f"radians: looks like degrees; {_TO_RADIANS.format('it')}.",
             )
         if angles.hardly_follows:
             notes.append(
@@ -290,6 +297,17 @@ def velocity_likeness(recording: Recording, joint: str) -> Likeness | None:
             if abs(alike) > abs(best.alike):
                 best = Likeness(ratio=float(np.sign(alike)) * sizes[1] / sizes[0], alike=alike)
     return best
+
+
+def _all_in_degrees(joint: str, logged: Sequence[FloatArray], where: str) -> str:
+    """What to say of a position, and its target if that is logged, that are in degrees."""
+    reaches = f"column '{joint}/position' reaches {_peak(logged[0]):.4g}"
+    if len(logged) == 1:
+        return f"{reaches}, where {where}: looks like degrees; {_TO_RADIANS.format('it')}."
+    return (
+        f"{reaches} and '{joint}/position_target' {_peak(logged[1]):.4g}, where {where}: both look "
+        f"like degrees; {_TO_RADIANS.format('both')}, and all others that are in degrees."
+    )
 
 
 def _likeness(target: FloatArray, position: FloatArray, rate: float) -> Likeness:

@@ -27,6 +27,7 @@ from walkerkit.gap.recordings.given import OneOrMore, listed, model_name, record
 from walkerkit.gap.recordings.recording import Recording
 
 _KEYS = ("model", "recordings", "held_out")
+_COMMANDS = {"experiment": "diagnose", "robot": "diagnose-fleet"}  # by what a file lists
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +95,12 @@ def read_tables(path: Path, kind: str) -> list[dict[str, Any]]:
             content = tomllib.load(file)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError, RecursionError) as error:
         raise refusal(f"{path}: not a TOML file: {error}. Mend it there.") from error
+    for other, command in _COMMANDS.items():
+        if other != kind and other in content:
+            raise refusal(
+                f"{path}: it has [[{other}]] where [[{kind}]] is wanted. Such a file is for "
+                f"`walkerkit {command} {path}`."
+            )
     check_keys(str(path), content, (kind,))
     tables = content.get(kind)
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):

@@ -41,6 +41,8 @@ SIGNALS = (
     "effort_target",
 )
 TARGETS = SIGNALS[3:]
+MAY_BE_EMPTY = ("velocity", "effort", "current", "voltage")
+"""Signals of which a column without any number is one that was not logged."""
 QUATERNION = tuple(f"base/quaternion_{axis}" for axis in "wxyz")
 BASE = QUATERNION + tuple(
     f"base/{quantity}_{axis}"
@@ -64,7 +66,8 @@ class Recording:
         time: (T,) s, strictly increasing; starts wherever the file does.
         columns: column name to (T,) samples, read-only, in the file's order.
         source: the file that the rows come from.
-        unused: the file's columns that nothing uses; they are not kept.
+        unused: the file's columns that nothing uses, and velocities, efforts, currents and voltages
+            without any number; they are not kept.
         notes: what a user should know about the data.
         wiring: errors of wiring that were mended in the columns.
         part_of: the recording that this was cut from; it knows the commands before.
@@ -86,6 +89,12 @@ class Recording:
         self._check_names()
         time = self._numbers("time", self.time)
         columns = {name: self._numbers(name, values) for name, values in self.columns.items()}
+        empty = tuple(
+            name
+            for name, values in columns.items()
+            if _split(name)[1] in MAY_BE_EMPTY and np.isnan(values).all()
+        )
+        columns = {name: values for name, values in columns.items() if name not in empty}
         if time.size < 2:
             raise self._error(f"too few rows of data ({time.size}). At least two are needed")
         for name, values in columns.items():
@@ -102,6 +111,7 @@ class Recording:
             values.setflags(write=False)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "columns", MappingProxyType(columns))
+        object.__setattr__(self, "unused", (*self.unused, *empty))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A mapping proxy cannot be pickled or deep-copied.
@@ -285,10 +295,14 @@ class Recording:
     def _check_finite(self, name: str, values: Array) -> None:
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
+            remedy = (
+                "Delete such rows, or fill them: hold the last target, interpolate measurements"
+                if bad.size < values.size
+                else "Log it, or delete the column"
+            )
             raise self._error(
                 f"column {name!r} is empty, NaN or infinite in {bad.size} of {values.size} rows, "
-                f"first {values[bad[0]]} at {self._row(bad[0])}. Delete such rows, or fill them: "
-                "hold the last target, interpolate measurements"
+                f"first {values[bad[0]]} at {self._row(bad[0])}. {remedy}"
             )
 
     def _check_time(self, time: Array) -> None:

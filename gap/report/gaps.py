@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from walkerkit.gap.report.quantity import percent
+
 _CLEARLY = 4.0  # a gap over the timestep's own error that this cannot be taken for
 _AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
 _JOINT_AT_FLOOR = 2.0  # the same of one joint among others
@@ -151,6 +153,12 @@ class Location:
     lift: float
     signal: str = "position"
     rms: float = float("nan")
+
+    def __str__(self) -> str:
+        return (
+            f"{self.joint}, {self.regime}: {percent(self.share)} of the {self.signal} gap, "
+            f"lift {self.lift:.2g}"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

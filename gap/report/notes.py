@@ -5,15 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
+import mujoco
+import numpy as np
+
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.effects.equivalences import spelled_out
+from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import NamedEffect, Verdict
 from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.quantity import percent, quantity
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.simulation.channel import Channel
+from walkerkit.gap.simulation.commands import Route, routes
+from walkerkit.gap.simulation.robot import Joint, Robot
+from walkerkit.gap.simulation.start import rest
 
+_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _UNSURE = 0.9
+_HARDLY = 1e-3  # of a ctrlrange, that a target may be beyond it
 _BRIEF = 2.0  # s
 
 
@@ -64,6 +74,12 @@ def notes(
             f"The simulation diverges with the model as it was given: {steps}. Give it a shorter "
             'timestep or integrator="implicitfast": no effect can be seen before.'
         )
+    halves = problem.fit.recordings, problem.held.recordings
+    logged = [
+        (robot, (*fit, *held)) for robot, fit, held in zip(problem.robots, *halves, strict=True)
+    ]
+    for told in (_clipped, _lacking):
+        yield from dict.fromkeys(note for pair in logged for note in told(*pair))
     every = {named.effect for named in effects}
     for named in effects:
         yield from _of_effect(named)
@@ -159,6 +175,79 @@ def notes(
     unused = sorted({column for recording in seen.values() for column in recording.unused})
     if unused:
         yield f"Columns that nothing uses: {', '.join(unused)}."
+
+
+def _clipped(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
+    """Targets that the model's own actuators do not take as they are."""
+    if robot.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL:
+        return
+    reached: dict[str, tuple[Route, list[float]]] = {}
+    for recording in recordings:
+        for route in routes(robot, recording):
+            values = recording.columns[route.column]
+            _, ends = reached.setdefault(route.column, (route, []))
+            ends += [float(values.min()), float(values.max())]
+    clipped = [told for route, ends in reached.values() if (told := _beyond(robot, route, ends))]
+    if clipped:
+        yield (
+            f"{robot.source} clips targets at the ctrlrange of their actuators: "
+            f"{'; '.join(clipped)}. Widen the ctrlrange, or leave it out, unless the robot's own "
+            "drives clip their targets so."
+        )
+
+
+def _beyond(robot: Robot, route: Route, ends: Sequence[float]) -> str:
+    """How far a target goes beyond what its actuator takes; "" where it does not."""
+    drive, model = route.drive, robot.model
+    if drive is None or not model.actuator_ctrllimited[drive.ctrl]:
+        return ""
+    limits = model.actuator_ctrlrange[drive.ctrl]
+    low, high = sorted(float((limit - drive.offset) / drive.slope) for limit in limits)
+    margin = _HARDLY * (high - low)
+    if low - margin <= min(ends) and max(ends) <= high + margin:
+        return ""
+    unit = Channel(joint=route.joint.name, signal=drive.kind).unit(slide=route.joint.slide)
+    return (
+        f"{route.column} goes from {min(ends):.3g} to {max(ends):.3g} {unit}, and "
+        f"{model.actuator(drive.actuator).name or 'its actuator'}, "
+        f'ctrlrange="{limits[0]:.4g} {limits[1]:.4g}", takes {low:.4g} to {high:.4g} {unit}'
+    )
+
+
+def _lacking(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
+    """The joints of a model that its recordings do not have, and what the simulation does there."""
+    logs = {recording.whole.name: recording.whole for recording in recordings}
+    # What lies between a motor and its link follows from what the other side shows.
+    inner = {joint.play.name for joint in robot.joints.values() if joint.play is not None}
+    alike: dict[str, list[str]] = {}
+    for name, joint in robot.joints.items():
+        without = [log for log, one in logs.items() if name not in one.joints]
+        if without and name not in inner:
+            which = "" if len(without) == len(logs) else f", in {', '.join(without)}"
+            alike.setdefault(f"{_unlogged(robot, joint)}{which}", []).append(name)
+    if alike:
+        pose = "first keyframe" if robot.model.nkey else "reference pose"
+        listed = "; ".join(f"{', '.join(names)} ({how})" for how, names in alike.items())
+        yield (
+            f"The recordings lack joints that the model has: {listed}. The simulation starts them "
+            f"at rest where the model's {pose} has them. Log them, or weld in the model what did "
+            "not move."
+        )
+
+
+def _unlogged(robot: Robot, joint: Joint) -> str:
+    """What a simulation does with a joint that is not logged."""
+    model, control = robot.model, rest(robot.model).ctrl
+    drive = joint.drive("position") or joint.drive("velocity")
+    if drive is not None:
+        at = float((control[drive.ctrl] - drive.offset) / drive.slope) + 0.0  # never -0
+        unit = Channel(joint=joint.name, signal=drive.kind).unit(slide=joint.slide)
+        return f"held at {at:.4g} {unit} by its actuator"
+    own = np.isin(model.actuator_trntype, _ON_JOINT) & (model.actuator_trnid[:, 0] == joint.id)
+    sent = control[model.actuator_ctrladr[own]]
+    if len(sent) == len(joint.drives) and not sent.any():
+        return "free"  # there are motors at most
+    return f"its actuator gets the control {', '.join(f'{one:.4g}' for one in sent)}"
 
 
 def _chosen_timestep(effects: Sequence[NamedEffect]) -> float | None:

@@ -97,7 +97,8 @@ def next_experiment(problem: Problem, members: Sequence[Fit]) -> Plan | None:
             continue
         experiment = NextExperiment(
             excitation=best.excitation,
-            between=tuple(fit.structure.terms[-1].effect.name for fit in members),
+            # One effect at several places is named once.
+            between=tuple(dict.fromkeys(fit.structure.terms[-1].effect.name for fit in members)),
             separation=best.separation,
             file=FILE,
             set_up=best.set_up.name,

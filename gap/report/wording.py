@@ -290,19 +290,17 @@ def advice(diagnosis: Diagnosis) -> str:
             "No experiment of the battery that this robot can be put through is predicted to tell "
             "them apart with the signals that were logged."
         )
-    between = listed([label(name) for name in wanted.between])
-    return (
-        f"{_task(wanted)} It is predicted to tell {between} apart by "
-        f"{separation(wanted.separation)}."
-    )
+    between = [label(name) for name in wanted.between]
+    told = f"{listed(between)} apart" if len(between) > 1 else f"where {between[0]} is"
+    return f"{_task(wanted)} It is predicted to tell {told} by {separation(wanted.separation)}."
 
 
 def _task(wanted: NextExperiment) -> str:
     """What to do, as instructions."""
     sent = label(wanted.file) if wanted.file else "the targets"
-    play = f"Send {sent} to the robot (the excitation {label(wanted.excitation)})"
+    play = f"Send {sent} to the robot (the excitation {label(wanted.excitation)}), record what"
     if wanted.excitation == RELEASE:
-        play = f"The first row of {sent} is the pose to let go from"
+        play = f"The pose to let go from is in the first row of {sent}. Record what"
     ends = "and diagnose again with the old recordings and the new one"
     if wanted.model:
         ends += (
@@ -310,7 +308,7 @@ def _task(wanted: NextExperiment) -> str:
             "an experiments.toml"
         )
     prepare = f"{label(wanted.instruction)} " if wanted.instruction else ""
-    return f"{prepare}{play}, record what it does, {ends}."
+    return f"{prepare}{play} it does, {ends}."
 
 
 def separation(sigmas: float) -> str:

@@ -8,6 +8,7 @@ target was for.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,6 +28,10 @@ Hold = Literal["zero_order", "linear", "next"]
 _STEP = 4.0  # times what a target moves just before and after, which no motion does
 
 _KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
+_CONFIGS: Mapping[TargetKind, tuple[str, str]] = {  # of a walker's actuators that MuJoCo runs
+    "position": ("BuiltinPdActuatorCfg", "stiffness=..., damping=..."),
+    "velocity": ("BuiltinVelocityActuatorCfg", "damping=..."),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,13 +73,37 @@ def routes(robot: Robot, recording: Recording) -> tuple[Route, ...]:
                 f"{source}: joint {name!r} has an actuator for {joint.drives[0].kind} "
                 f"in {robot.source}, but the recording has no {wanted}. Log that target, or give "
                 "the joint the actuator that its drive really has."
+                f"{_native_twin(robot, joint, targets)}"
             )
         if not joint.drives and targets and "effort" not in targets:
             raise InputError(
                 f"{source}: column `{name}/{targets[0]}_target` has no actuator in "
-                f"{robot.source}. Add a <{targets[0]}> actuator to joint {name!r}."
+                f"{robot.source}{_add_actuator(robot, name, targets[0])}"
             )
     return tuple(found)
+
+
+def _native_twin(robot: Robot, joint: Joint, targets: Sequence[TargetKind]) -> str:
+    """What else a walker's bare motor may be: the law of an actuator that runs in Python."""
+    if robot.path is not None or not targets or joint.drives[0].kind != "effort":
+        return ""
+    config, _ = _CONFIGS[targets[0]]
+    return (
+        f" An actuator whose law runs in Python, as IdealPdActuatorCfg, leaves a bare motor in the "
+        f"model: give the walker {config} with the same gains, which MuJoCo runs."
+    )
+
+
+def _add_actuator(robot: Robot, joint: str, kind: TargetKind) -> str:
+    """How a model gets the actuator that a joint lacks, the end of a sentence and the next."""
+    if robot.path is None or robot.path.suffix.lower() != ".urdf":
+        return f". Add a <{kind}> actuator to joint {joint!r}."
+    config, gains = _CONFIGS[kind]
+    made = f"MjcfWalker.from_file({robot.path.name!r}, {config}(joint_names_expr=(...), {gains}))"
+    return (
+        f", and a URDF can have none. Give as the model a `package.module:callable` that returns "
+        f"{made}."
+    )
 
 
 def by_effort_alone(robot: Robot, recording: Recording) -> tuple[str, ...]:

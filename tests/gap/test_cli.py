@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -686,6 +687,12 @@ def test_help_lists_every_command(run: Run) -> None:
         for command in ("demo", "compare", "diagnose", "diagnose-fleet", "effects", "simulate"):
             assert command in outcome.out
             assert run(command, "--help").status == 0
+
+
+def test_version_is_that_of_the_package(run: Run) -> None:
+    outcome = run("--version")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert outcome.out == f"walkerkit {metadata.version('walkerkit')}\n"
 
 
 def test_effects_lists_the_whole_catalogue(run: Run) -> None:

@@ -9,7 +9,9 @@ from tests.gap.simulation.follow import Follow
 from walkerkit import gap
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.rehearse import rehearse
+from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.wording import verdict_sentence
 from walkerkit.gap.search.structure import Case
 from walkerkit.gap.simulation.replay import Channel, Replay
@@ -52,10 +54,23 @@ def diagnosed(bench, rehearsal):
     return gap.diagnose(bench, rehearsal.recordings, effects=effects)
 
 
+@pytest.fixture(scope="module")
+def read_first(bench):
+    """Logs of a loop that reads, computes and sends: an effort is of the target before."""
+    time = np.arange(0, 2, 0.004)
+    targets = [0.4 * np.sign(np.sin(size * time))[:, None] for size in (5, 6, 7)]
+    return run_hardware(bench, targets, rate=250, seed=1, reads_first=True)
+
+
 class TestReplay:
-    def test_is_what_compare_measures(self, bench, rehearsal, problem):
-        compared = gap.compare(bench, rehearsal.recordings)
-        replayed = gap.replay(problem)
+    @pytest.mark.parametrize("logs", ["rehearsal", "read_first"])
+    def test_is_what_compare_measures(self, bench, logs, request):
+        recordings = request.getfixturevalue(logs)
+        recordings = getattr(recordings, "recordings", recordings)
+        compared = gap.compare(bench, recordings)
+        read = any(note.startswith("Efforts were taken to be read") for note in compared.notes)
+        assert read == (logs == "read_first")
+        replayed = gap.replay(gap.load(bench, recordings))
         assert replayed.gap == compared.gap
         assert gap.locate(replayed) == compared.locations
         for trace, other in zip(replayed.traces, compared.traces, strict=True):
@@ -73,6 +88,16 @@ class TestReplay:
         assert fitted.gap.position.after < 0.4 * fitted.gap.position.before
         left, before = gap.locate(replayed), gap.locate(gap.replay(problem))
         assert left != before
+
+    def test_is_printed_in_a_line(self, problem, fitted):
+        shown = repr(gap.replay(problem))
+        assert shown.startswith(f"<Comparison: joints {JOINT}; the position error on held-out rec")
+        assert str(gap.replay(problem, fitted.robots)).endswith(" mrad after>")
+        before = gap.replay(problem).gap.position.before
+        assert f" is {quantity(before, 'rad')}>" in shown
+        first, *_ = gap.locate(gap.replay(problem))
+        assert str(first).startswith(f"{JOINT}, {first.regime}: ")
+        assert str(first).endswith(f" of the position gap, lift {first.lift:.2g}")
 
     def test_takes_one_robot_per_experiment(self, problem):
         with pytest.raises(ValueError, match="2 robots for 1 experiments"):
@@ -93,6 +118,7 @@ class TestFit:
         row = next(line for line in str(fitted).splitlines() if "frictionloss" in line)
         assert row.split()[:3] == ["coulomb_friction", JOINT, "frictionloss"]
         assert "±" in row
+        assert repr(fitted) == f"<Fitted: coulomb_friction at {JOINT}>"
 
     def test_is_that_of_whole_rollouts_whatever_was_fitted_before(self, problem, fitted):
         whole = problem.whole.objective

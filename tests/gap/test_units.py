@@ -133,8 +133,17 @@ def test_a_position_without_a_target_is_held_against_its_range() -> None:
 
 def test_both_in_degrees_are_refused_by_the_range() -> None:
     both = times(times(log(*SERVOS["follows"]), POSITION, 180 / np.pi), TARGET, 180 / np.pi)
-    with pytest.raises(InputError, match="multiply it and its target by pi/180"):
+    with pytest.raises(InputError, match="both look like degrees; multiply both by pi/180"):
         with_checked_angles(robot(), both)
+
+
+def test_both_in_degrees_are_told_of_together_where_one_of_them_is_clearly_beyond() -> None:
+    """At a resonance the position is far beyond the range, and its target is not."""
+    swings = log(14.0 * np.sin(20 * TIME), 7.5 * np.sin(20 * TIME + 1.0))
+    with pytest.raises(InputError) as refusal:
+        with_checked_angles(robot(), swings)
+    assert f"column '{POSITION}' reaches 14 and '{TARGET}' 7.5, where" in str(refusal.value)
+    assert "both look like degrees; multiply both by pi/180" in str(refusal.value)
 
 
 def walk(size: float) -> FloatArray:

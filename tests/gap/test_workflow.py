@@ -615,6 +615,84 @@ def test_an_effort_that_repeats_its_command_is_not_compared(tmp_path: Path) -> N
     assert "Columns that nothing uses: knee/effort." in told
 
 
+HAND = re.sub(
+    "(<geom.*/>)(.*?)<actuator>(.*)</actuator>",
+    r"""\1<body name="hand" pos="0 0 -0.25"><joint name="finger" axis="0 1 0"/>
+      <geom size="0.02" mass="0.01"/><body><joint name="tip" axis="0 1 0" damping="0.01"/>
+      <joint name="nail" axis="1 0 0" damping="0.01"/><geom size="0.01" mass="0.01"/></body></body>
+      \2<actuator>\3<position joint="finger" kp="3" kv="0.1"/>
+      <motor joint="nail"/></actuator>""",
+    SERVO,
+    flags=re.DOTALL,
+)
+
+
+@pytest.mark.parametrize("key", ["", '<key qpos="0 0.2 0.1 0" ctrl="0 0.2 0.5"/>'])
+def test_joints_that_the_recordings_lack_are_told_in_one_note(
+    tmp_path: Path, logs: Callable[..., list[Recording]], key: str
+) -> None:
+    model = tmp_path / "hand.xml"
+    model.write_text(HAND.replace("</actuator>", f"</actuator><keyframe>{key}</keyframe>"))
+    told = [
+        note
+        for note in workflow.compare(model, brief(logs()), n_threads=1).notes
+        if "finger" in note or "tip" in note
+    ]
+    what = "finger (held at 0 rad by its actuator); tip, nail (free). "
+    pose = "reference pose"
+    if key:
+        what = (
+            "finger (held at 0.2 rad by its actuator); tip (free); nail (its actuator gets the "
+            "control 0.5). "
+        )
+        pose = "first keyframe"
+    (note,) = told
+    assert note.startswith(f"The recordings lack joints that the model has: {what}The simulation")
+    assert f"at rest where the model's {pose} has them" in note
+
+
+def test_a_joint_that_some_recordings_lack_is_told_with_their_names(tmp_path: Path) -> None:
+    model = tmp_path / "hand.xml"
+    model.write_text(HAND)
+    time = np.arange(0.0, 1.0, 0.004)
+    columns = {"knee/position": 0.1 * np.sin(5 * time), "knee/position_target": 0 * time}
+    finger = {"finger/position": 0.1 * np.cos(5 * time), "finger/position_target": 0 * time}
+    found = workflow.compare(
+        model,
+        [
+            Recording(name="a", time=time, columns=columns | finger),
+            Recording(name="b", time=time, columns=columns),
+            Recording(name="c", time=time, columns=columns | finger),
+        ],
+        n_threads=1,
+    )
+    assert any("finger (held at 0 rad by its actuator, in b); tip" in one for one in found.notes)
+
+
+def test_targets_that_the_model_clips_are_told(
+    servo: Path, tmp_path: Path, logs: Callable[..., list[Recording]]
+) -> None:
+    def told(text: str, recordings: Sequence[Recording]) -> list[str]:
+        model = tmp_path / "clips.xml"
+        model.write_text(text)
+        notes = workflow.compare(model, recordings, n_threads=1).notes
+        return [note for note in notes if "ctrlrange" in note]
+
+    narrow = SERVO.replace(
+        "<position ", '<position name="m" ctrlrange="-1 0.3" ctrllimited="true" '
+    )
+    assert told(SERVO, brief(logs())) == []
+    assert told(narrow.replace("0.3", "0.9"), brief(logs())) == []
+    (note,) = told(narrow, logs())
+    assert "clips.xml clips targets at the ctrlrange of their actuators: knee/position_tar" in note
+    assert 'goes from -0.8 to 0.8 rad, and m, ctrlrange="-1 0.3", takes -1 to 0.3 rad.' in note
+    assert "Widen the ctrlrange" in note
+    motor = '<motor joint="knee" gear="2" ctrlrange="-0.5 0.5" ctrllimited="true"/>'
+    (note,) = told(MOTOR.replace('<motor joint="knee"/>', motor), jolted())
+    assert "knee/effort_target goes from " in note
+    assert 'N·m, and its actuator, ctrlrange="-0.5 0.5", takes -1 to 1 N·m.' in note
+
+
 def test_a_joint_that_never_moves_does_not_hide_the_others(tmp_path: Path) -> None:
     model = tmp_path / "room.xml"
     model.write_text(ROOM)

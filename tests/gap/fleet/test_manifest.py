@@ -44,6 +44,7 @@ def test_files_are_relative_to_the_manifest(folder: Path) -> None:
         ("", ("the file is empty",)),
         ("[[robot]", ("not a TOML file", "line 1")),
         ("[robot]", ("no [[robot]]", "two pairs of brackets")),
+        ("[[experiment]]", ("[[experiment]] where [[robot]]", "`walkerkit diagnose /")),
         ("[[robots]]", ("unknown key 'robots'", "did you mean 'robot'?")),
         (ONE.replace('name = "a"\n', ""), ("robot 1 has no name", 'name = "unit-1"')),
         (ONE.replace('"a"', "3"), ("robot 1 has name = 3",)),

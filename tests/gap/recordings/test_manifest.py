@@ -103,6 +103,10 @@ def test_a_whole_experiment_may_be_held_out(folder: Path) -> None:
         ("experiment = [1]\n", ("no [[experiment]]",)),
         (experiment().replace("[[experiment]]", "[experiment]"), ("no [[experiment]]",)),
         ("[[experiment]]\nmodel = \n", ("not a TOML file", "line 2")),
+        (
+            experiment().replace("experiment", "robot"),
+            ("[[robot]] where [[experiment]]", "`walkerkit diagnose-fleet /"),
+        ),
         (experiment().replace("experiment", "experiments"), ("'experiments'", "'experiment'")),
         (
             experiment() + experiment(heldout="[]"),

@@ -249,6 +249,27 @@ def test_unused_columns_are_listed_whatever_they_hold(tmp_path: Path) -> None:
     assert recording.unused == ("meta", "config")
 
 
+def test_what_was_not_logged_may_have_a_column(tmp_path: Path) -> None:
+    empty = "knee/velocity,knee/effort,knee/current,voltage,knee/duty"
+    text = f"{HEADER},{empty}\n0,0,0,,nan,,,\n0.01,0,0.1,,nan,,,\n"
+    recording = Recording.load(write_csv(tmp_path / "log.csv", text))
+    assert set(recording.unused) == {*empty.split(",")}
+    assert set(recording.columns) == {"knee/position", "knee/position_target"}
+    text = f"{HEADER},knee/velocity\n0,0,0,\n0.01,0,0.1,1\n"
+    refused_file(write_csv(tmp_path / "log.csv", text), "'knee/velocity'", "1 of 2", "such rows")
+    made = Recording(
+        name="made",
+        time=np.array([0.0, 0.01]),
+        columns={
+            "knee/position": np.zeros(2),
+            "knee/position_target": np.zeros(2),
+            "knee/velocity": np.full(2, np.nan),
+        },
+    )
+    assert made.unused == ("knee/velocity",)
+    assert made.between(0.0, 1.0).unused == made.unused
+
+
 @pytest.mark.parametrize("text", ["\ufeff{}", "\n\n{}\n\n", "{},"])
 def test_harmless_oddities_of_csv_files_load(tmp_path: Path, text: str) -> None:
     body = f"{HEADER},\n" + ROWS.replace("\n", ",\n") if text == "{}," else f"{HEADER}\n{ROWS}"
@@ -485,7 +506,10 @@ def test_duplicate_columns_are_refused(tmp_path: Path) -> None:
         ("0,0,0\n0.01,NaN,0", ("'knee/position_target'", "nan at row 2 (line 3)", "hold the last")),
         ("0,0,0\n0.01,0,-inf", ("'knee/position'", "-inf at row 2 (line 3)", "Delete such rows")),
         ("0,0,0\n0.01,0,1e999", ("'knee/position'", "inf at row 2 (line 3)")),
-        ("0,,0\n0.01,,0", ("'knee/position_target'", "2 of 2 rows", "row 1 (line 2)")),
+        (
+            "0,,0\n0.01,,0",
+            ("'knee/position_target'", "2 of 2 rows", "row 1 (line 2)", "or delete the column"),
+        ),
         ("0,0,0\n0.01,0,n.a.", ("'knee/position'", "'n.a.' at row 2 (line 3)", "plain numbers")),
         ("0,true,0\n0.01,true,0", ("'knee/position_target'", "'True' at row 1 (line 2)")),
         ("2024-01-01 00:00:00,0,0\n2024-01-01 00:00:01,0,0", ("'time'", "row 1", "in seconds")),

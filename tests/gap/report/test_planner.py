@@ -121,6 +121,7 @@ def test_the_excitation_that_parts_them_best_is_chosen(
         planned = next_experiment(servo, members)
         assert planned is not None
         assert planned.experiment.excitation == ("fast" if "fast" in names else "slow")
+        assert planned.experiment.between == ("viscous_friction",)
 
 
 def test_what_asks_for_too_much_effort_is_made_smaller_or_left_out(

@@ -177,7 +177,15 @@ def test_a_changed_set_up_is_an_instruction_with_a_model_of_its_own(confused: Di
     assert "next_experiment.xml, your model with this change" in advice
     release = replace(payload, excitation="release", set_up="motor_off", instruction="Let go.")
     advice = wording.advice(replace(confused, next_experiment=release))
-    assert advice.startswith("Let go. The first row of next_experiment.csv is the pose to let go")
+    assert advice.startswith(
+        "Let go. The pose to let go from is in the first row of next_experiment.csv. Record what "
+        "it does, and diagnose again"
+    )
+    assert "apart by" in advice
+    elsewhere = replace(release, between=("command_delay",))
+    assert "predicted to tell where command_delay is by" in (
+        wording.advice(replace(confused, next_experiment=elsewhere))
+    )
 
 
 def test_an_exact_equivalence_gives_its_reason(confused: Diagnosis) -> None:

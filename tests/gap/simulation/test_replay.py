@@ -687,6 +687,36 @@ class TestCommands:
         with pytest.raises(InputError, match=message):
             routes(arm(actuators), recording)
 
+    @pytest.mark.parametrize(
+        ("actuators", "source", "target", "message"),
+        [
+            (
+                "",
+                "robots/arm.urdf",
+                "position",
+                r"no actuator in robots/arm\.urdf, and a URDF can have none\. .*callable` that "
+                r"returns MjcfWalker\.from_file\('arm\.urdf', BuiltinPdActuatorCfg\(joint_names",
+            ),
+            ("", "arm.urdf", "velocity", r"BuiltinVelocityActuatorCfg\(.*, damping=\.\.\.\)\)\.$"),
+            (
+                '<motor joint="hip"/>',
+                "robots:arm",
+                "position",
+                r"no `hip/effort_target`\. Log that .*IdealPdActuatorCfg, .* bare motor in the "
+                "model: give the walker BuiltinPdActuatorCfg with the same gains",
+            ),
+            ('<motor joint="hip"/>', "arm.xml", "position", r"its drive really has\.$"),
+        ],
+    )
+    def test_says_how_a_robot_gets_the_actuator(self, actuators, source, target, message):
+        time = np.arange(0, 0.1, 0.01)
+        columns = dict.fromkeys(["hip/position", f"hip/{target}_target"], time)
+        with pytest.raises(InputError, match=message):
+            routes(
+                replace(arm(actuators), source=source),
+                Recording(name="log", time=time, columns=columns),
+            )
+
     def test_refuses_joints_that_the_model_lacks(self):
         time = np.arange(0, 0.1, 0.01)
         columns = {"kne/position": time, "kne/position_target": time}
