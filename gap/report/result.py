@@ -51,7 +51,7 @@ _SURE_OF_SEVERAL = 0.85  # of any that may be one together
 _MOST_RIVALS = 4
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Result:
     """A diagnosis together with what it is about.
 
@@ -70,6 +70,10 @@ class Result:
     fit: Fit
     following: Plan | None
     stopgaps: tuple[LearnedDrive, ...] = ()
+
+    def __repr__(self) -> str:
+        named = ", ".join(one.effect for one in self.effects) or "nothing named"
+        return f"<Result: {self.verdict}; {named}>"
 
     def __str__(self) -> str:
         from walkerkit.gap.report.console import as_text

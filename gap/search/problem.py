@@ -38,7 +38,7 @@ _RATHER = 0.5  # of what another reading of efforts changes, which is then the o
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Problem:
     """What is to be explained.
 
@@ -63,6 +63,16 @@ class Problem:
     hold: Hold
     window: float | None
     n_threads: int
+
+    def __repr__(self) -> str:
+        robots = ", ".join(robot.source for robot in self.robots)
+        fit, held = (
+            ", ".join(dict.fromkeys(r.name for group in half.recordings for r in group))
+            for half in (self.fit, self.held)
+        )
+        return (
+            f"<Problem: {robots}; joints {', '.join(self.joints)}; fitted: {fit}; held out: {held}>"
+        )
 
     @property
     def recordings(self) -> tuple[Recording, ...]:

@@ -104,6 +104,16 @@ class TestReplay:
             gap.replay(problem, [problem.robots[0]] * 2)
 
 
+class TestResults:
+    def test_are_shown_in_a_line(self, problem, diagnosed):
+        shown = repr(problem)
+        assert shown.startswith("<Problem: ")
+        names = ("bench.xml", f"joints {JOINT}", "fitted: ", "held out: ")
+        assert all(name in shown for name in names)
+        assert len(shown.splitlines()) == 1
+        assert repr(diagnosed) == f"<Result: {diagnosed.verdict}; coulomb_friction>"
+
+
 class TestFit:
     def test_recovers_what_is_hidden(self, bench, rehearsal, fitted):
         (hidden,) = rehearsal.hidden
