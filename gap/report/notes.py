@@ -159,8 +159,9 @@ def notes(
         )
     if problem.hold == "linear":
         yield (
-            "Targets were interpolated between their samples, which explains the recordings "
-            "better than holding them; the log seems to be as fast as the control loop itself."
+            "Targets were interpolated between their samples, but for steps, which explains the "
+            "recordings better than holding them: the log seems to be no faster than the control "
+            "loop itself. Where it is slower, log at the rate of the loop."
         )
     if gap.horizon is not None:
         floats = any(robot.base is not None for robot in problem.robots)
@@ -282,6 +283,11 @@ def _of_effect(named: NamedEffect) -> Iterator[str]:
                 f"{named.effect}: {estimate.name}{place} ran into its bound "
                 f"{value} and is no estimate."
             )
+            if (named.effect, estimate.name) == ("kinematic_error", "periods"):
+                yield (
+                    f"kinematic_error{place} of so long a wave is all but an offset of the log: "
+                    "see whether the log and the drive have the same zero."
+                )
         elif estimate.std is None:
             yield (
                 f"{named.effect}: the recordings say nothing of {estimate.name}{place}; its value "
