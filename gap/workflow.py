@@ -37,7 +37,7 @@ from walkerkit.gap.recordings.checks import (
 from walkerkit.gap.recordings.given import OneOrMore
 from walkerkit.gap.recordings.manifest import Experiment, load_experiments
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.split import Recordings, split, split_in_time
+from walkerkit.gap.recordings.split import Recordings, is_in_time, split, split_in_time
 from walkerkit.gap.recordings.tidy import tidied
 from walkerkit.gap.report.claim import claimed, run_key
 from walkerkit.gap.report.diagnosis import Diagnosis
@@ -95,8 +95,7 @@ class Setup:
     @property
     def may_split_in_time(self) -> bool:
         """Whether the recordings were split by us, and not in time already."""
-        given = sum(len(experiment.recordings) for experiment in self.experiments)
-        return not self.declared and len(self.recordings) == given
+        return not self.declared and not is_in_time(self.fitted, self.held_out)
 
     @property
     def declared(self) -> bool:

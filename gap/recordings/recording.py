@@ -49,9 +49,6 @@ BASE = QUATERNION + tuple(
     for quantity in ("position", "linear_velocity", "angular_velocity")
     for axis in "xyz"
 )
-_UNKNOWN = ", in which what was commanded is unknown: cut the recording there if its targets moved"
-_HOLE_SAMPLES, _HOLE_MS = 20, 50.0
-
 LARGEST = 1e9
 """Anything beyond this is no measurement, in whichever unit of the SI."""
 LONGEST_STEP = 0.2
@@ -395,7 +392,6 @@ def _notes(recording: Recording) -> Iterator[str]:
         yield (
             f"irregular sampling: steps of {low:.3g} to {high:.3g} ms, median {middle:.3g} ms, "
             f"longest at {recording.time[np.argmax(steps)]:.6g} s"
-            f"{_UNKNOWN if high > max(_HOLE_SAMPLES * middle, _HOLE_MS) else ''}"
         )
     for joint in recording.joints:
         if np.ptp(recording.columns[f"{joint}/position"]) == 0:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,9 @@ _EVERY = 3  # every third recording, or block of time, is held out
 _BLOCKS = 6
 _SHORTEST_BLOCK, _LONGEST_BLOCK = 0.5, 120.0  # s; a rollout of an hour would not fit into memory
 _FEWEST_ROWS = 1000  # of a longest one
+_HOLE_SAMPLES, _HOLE = 20, 0.05  # a step in time longer than both is a hole; the second in s
+_LEAST = 0.5  # s between holes, below which a part is left out
+_SHOWN = 3
 
 
 def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
@@ -28,7 +32,7 @@ def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
         experiments: the recordings by model.
 
     Returns:
-        Fitted and held-out recordings, each per experiment.
+        Fitted and held-out recordings, each per experiment, in parts where a log has holes.
     """
     everything = [r for experiment in experiments for r in experiment.recordings]
     declared = {name for experiment in experiments for name in experiment.held_out}
@@ -36,8 +40,8 @@ def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
         return split_in_time(experiments)
     held = declared or {r.name for r in everything[_EVERY - 1 :: _EVERY]}
     return (
-        tuple(tuple(r for r in e.recordings if r.name not in held) for e in experiments),
-        tuple(tuple(r for r in e.recordings if r.name in held) for e in experiments),
+        tuple(_unbroken(r for r in e.recordings if r.name not in held) for e in experiments),
+        tuple(_unbroken(r for r in e.recordings if r.name in held) for e in experiments),
     )
 
 
@@ -55,9 +59,15 @@ def split_in_time(experiments: Sequence[Experiment]) -> tuple[Recordings, Record
     """
     cut = [[part for r in e.recordings for part in _blocks(r)] for e in experiments]
     return (
-        tuple(tuple(part for part, held in parts if not held) for parts in cut),
-        tuple(tuple(part for part, held in parts if held) for parts in cut),
+        tuple(_unbroken(part for part, held in parts if not held) for parts in cut),
+        tuple(_unbroken(part for part, held in parts if held) for parts in cut),
     )
+
+
+def is_in_time(fitted: Recordings, held_out: Recordings) -> bool:
+    """Whether parts of one recording are fitted and others held out."""
+    halves = ({id(r.whole) for group in half for r in group} for half in (fitted, held_out))
+    return not set.isdisjoint(*halves)
 
 
 def _blocks(recording: Recording) -> list[tuple[Recording, bool]]:
@@ -72,3 +82,30 @@ def _blocks(recording: Recording) -> list[tuple[Recording, bool]]:
         (recording.between(float(low), float(high)), number % _EVERY == _EVERY - 1)
         for number, (low, high) in enumerate(itertools.pairwise(edges))
     ]
+
+
+def _unbroken(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
+    """The recordings without their holes, in which nobody knows what was commanded."""
+    return tuple(part for recording in recordings for part in _parts(recording))
+
+
+def _parts(recording: Recording) -> list[Recording]:
+    time = recording.time
+    steps = np.diff(time)
+    holes = np.flatnonzero(steps > max(_HOLE, _HOLE_SAMPLES * float(np.median(steps))))
+    if not holes.size:
+        return [recording]
+    starts, ends = np.append(0, holes + 1), np.append(holes, len(time) - 1)
+    long = time[ends] - time[starts] >= _LEAST
+    stops = np.nextafter(time[ends], np.inf)
+    parts = [
+        recording.between(float(start), float(stop))
+        for start, stop in zip(time[starts[long]], stops[long], strict=True)
+    ]
+    if not parts:
+        return [recording]
+    told = ", ".join(f"from {time[k]:.6g} to {time[k + 1]:.6g} s" for k in holes[:_SHOWN])
+    some = "a hole" if len(holes) == 1 else f"{len(holes)} holes"
+    note = f"{some}, {told}, of which nobody knows what was commanded: it was cut there"
+    first, *others = parts
+    return [replace(first, notes=(*first.notes, note)), *(replace(p, notes=()) for p in others)]

@@ -368,16 +368,6 @@ def test_float32_and_integer_arrays_load(tmp_path: Path) -> None:
         assert {values.dtype for values in recording.columns.values()} == {np.dtype(np.float64)}
 
 
-def test_a_hole_in_a_log_is_told(tmp_path: Path) -> None:
-    time = 0.002 * np.delete(np.arange(500), slice(200, 250))
-    path = write_npz(
-        tmp_path / "log.npz", {"time": time, "hip/position": time, "hip/position_target": time}
-    )
-    (note,) = (one for one in Recording.load(path).notes if one.startswith("irregular"))
-    assert "steps of 2 to 102 ms" in note
-    assert "cut the recording there" in note
-
-
 def test_notes(tmp_path: Path) -> None:
     time = np.array([0.0, 0.01, 0.02, 0.05, 0.06])
     path = write_npz(

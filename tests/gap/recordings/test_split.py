@@ -5,7 +5,7 @@ import pytest
 
 from walkerkit.gap.recordings.manifest import Experiment
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.split import split, split_in_time
+from walkerkit.gap.recordings.split import is_in_time, split, split_in_time
 
 
 def recording(name, time=None):
@@ -115,3 +115,25 @@ def test_a_long_gap_in_a_log_makes_no_more_blocks():
     whole = Experiment(model="leg.xml", recordings=(parted,), held_out=frozenset())
     fitted, held = split_in_time([whole])
     assert (len(fitted[0]), len(held[0])) == (4, 2)
+
+
+def test_a_log_is_cut_at_its_holes():
+    time = np.delete(0.002 * np.arange(3000), slice(1000, 1100))
+    time = np.delete(time, slice(1500, 1510))  # a few samples are no hole
+    time = np.delete(time, slice(2700, 2800))  # after which too little is left
+    broken = Experiment(
+        model="leg.xml",
+        recordings=(recording("a"), recording("b", time), recording("c")),
+        held_out=frozenset(),
+    )
+    fitted, held = split([broken])
+    assert names(fitted) == [["a", "b[0:1.998]", "b[2.2:5.618]"]]
+    assert names(held) == [["c"]]
+    assert not is_in_time(fitted, held)
+    first, second = fitted[0][1:]
+    assert first.time[-1] == pytest.approx(1.998)
+    assert second.time[0] == pytest.approx(2.2)
+    (note,) = (one for one in first.notes if "hole" in one)
+    assert note.startswith("2 holes, from 1.998 to 2.2 s, from 5.618 to 5.8")
+    assert not second.notes
+    assert is_in_time(*split_in_time([broken]))
