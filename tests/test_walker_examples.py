@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import runpy
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -16,17 +14,6 @@ import pytest
 from walkerkit.walkers import Trot
 
 NO_SCREEN = {"DISPLAY", "WAYLAND_DISPLAY"}
-
-
-@pytest.fixture
-def example(repository: Path, monkeypatch: pytest.MonkeyPatch):
-    """Imports an example by name."""
-    monkeypatch.syspath_prepend(str(repository / "examples"))
-
-    def load(name: str) -> ModuleType:
-        return importlib.import_module(name)
-
-    return load
 
 
 def run(repository: Path, name: str, *arguments: str, **environment: str):

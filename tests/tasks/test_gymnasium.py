@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -14,6 +13,8 @@ from gymnasium.utils.env_checker import check_env
 
 from walkerkit.actuators import IdealPdActuatorCfg
 from walkerkit.tasks import suite
+
+Example = Callable[[str], ModuleType]
 
 KNEES = IdealPdActuatorCfg(
     joint_names_expr=(".*_knee",), stiffness=20.0, damping=1.0, effort_limit=30.0
@@ -26,19 +27,8 @@ pytestmark = [
 ]
 
 
-@pytest.fixture
-def example(repository: Path) -> ModuleType:
-    path = repository / "examples" / "gymnasium_env.py"
-    spec = importlib.util.spec_from_file_location("gymnasium_env", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_gymnasium_s_own_check_passes_the_example(example: ModuleType) -> None:
-    environment = example.make()
+def test_gymnasium_s_own_check_passes_the_example(example: Example) -> None:
+    environment = example("gymnasium_env").make()
     check_env(environment, skip_render_check=True)
     assert environment.observation_space.shape == (51,)
     np.testing.assert_array_equal(environment.action_space.low, -np.ones(12))
@@ -63,15 +53,15 @@ def test_gymnasium_s_own_check_passes_suite_environments(
     )
 
 
-def test_falls_are_terminated_and_time_limits_truncated(example: ModuleType) -> None:
-    environment = example.make(time_limit=0.1)
+def test_falls_are_terminated_and_time_limits_truncated(example: Example) -> None:
+    environment = example("gymnasium_env").make(time_limit=0.1)
     environment.reset(seed=0)
     hold = environment.unwrapped.task.walker.action_for()
     for step in range(5):
         _, reward, terminated, truncated, _ = environment.step(hold)
         assert 0 <= reward <= 1
         assert (terminated, truncated) == (False, step == 4)
-    long = example.make(time_limit=5.0)
+    long = example("gymnasium_env").make(time_limit=5.0)
     long.reset(seed=0)
     walker = long.unwrapped.task.walker
     walker.set_pose(long.unwrapped.physics, quaternion=[0.0, 1.0, 0.0, 0.0])
@@ -94,8 +84,8 @@ def test_seeds_are_reproducible(name: str) -> None:
     assert any(not np.array_equal(value, other[key]) for key, value in one.items())
 
 
-def test_the_example_runs(example: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
-    returns = example.main(2)
+def test_the_example_runs(example: Example, capsys: pytest.CaptureFixture[str]) -> None:
+    returns = example("gymnasium_env").main(2)
     assert len(returns) == 2
     assert all(total > 0 for total in returns)
     assert capsys.readouterr().out.count("episode") == 2
