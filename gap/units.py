@@ -358,7 +358,7 @@ def _turns_on(recording: Recording, joint: str) -> bool:
 def _too_far(robot: Robot, joint: Joint, recording: Recording, signal: str) -> str:
     values = recording.columns[f"{joint.name}/{signal}"]
     row = int(np.argmax(np.abs(values) > LARGEST_POSITION))
-    unit, wrong = "rad", "degrees; multiply it by pi/180 (numpy.deg2rad)"
+    unit, wrong = "rad", f"degrees; {_TO_RADIANS.format('it')}"
     remedy = f"Of a wheel log '{joint.name}/velocity' in rad/s, too, which bears it out."
     if joint.slide:
         unit, wrong = "m", "millimetres; divide it by 1000"

@@ -313,9 +313,8 @@ class Replay:
                 scale = trials.effort_scale[joint.name][:, None, None]
                 offset = trials.effort_offset[joint.name][:, None, None]
                 # Effort is recorded as of the beginning of a step, the state as of its end.
-                series, age = series[..., joint.dof], lead - prompt[..., k]
-                jumps = group.jumps(joint, ctrl, applied, field)
-                limited = group.at_limit(joint, series, field)
+                made, age = series[..., joint.dof], lead - prompt[..., k]
+                series, jumps = made, group.jumps(joint, ctrl, applied, field)
                 if applied is not None:  # the same drive makes it, so its log shows it
                     series = series + applied[..., joint.dof]
                 if changed is not None:
@@ -324,7 +323,7 @@ class Replay:
                 if jumps is not None:
                     jumps = scale * jumps[:, :, before:]
                     if self.robot.reads_effort_first:
-                        jumps = _within_limits(jumps, series, limited)
+                        jumps = _within_limits(jumps, series, group.at_limit(joint, made, field))
             else:
                 place = np.concatenate(
                     [qpos[..., [k]], _at_encoder(trials, joint, records["qpos"], "qpos")], axis=2
