@@ -20,7 +20,7 @@ from benchmarks.hidden.rigs import experiments, rate_of, reads_first, write_rig
 from benchmarks.hidden.truths import truth
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.effects.equivalences import equivalences, spelled_out
+from walkerkit.gap.effects.equivalences import equivalences, spelled_out, wholes
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
@@ -67,12 +67,11 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
         everywhere = _places((), (), robot)
         truths = (Hidden(effect="timestep", places=everywhere, alike=(), text=text),)
     if case.removed:
-        # With what leaves the same log, alone or together with another.
-        gone = {
-            name
-            for one in truths
-            for name in (one.effect, *one.alike, *chain.from_iterable(spelled_out(one.effect)))
-        }
+        # With what leaves the same log, alone, together with another, or with one of its sizes
+        # at zero: a directional efficiency of the same factor both ways is a torque constant.
+        same = {name for one in truths for name in (one.effect, *one.alike)}
+        pairs = {name for one in truths for name in chain.from_iterable(spelled_out(one.effect))}
+        gone = {*same, *pairs, *chain.from_iterable(map(wholes, same))}
         known = [name for name in known if name not in gone]
     start = time.perf_counter()
     try:

@@ -97,6 +97,19 @@ def spelled_out(effect: str, *, beside: Collection[str] = ()) -> dict[tuple[str,
     return found
 
 
+def wholes(effect: str) -> tuple[str, ...]:
+    """The effects that leave the same log as one together with another, and so as it alone.
+
+    Args:
+        effect: its name in the catalogue.
+
+    Returns:
+        Their names; with the other's size at zero each of them is this effect.
+    """
+    entries = (entry for entry in _TABLE if entry.beside is not None and entry.effects[0] == effect)
+    return tuple(dict.fromkeys(entry.effects[1] for entry in entries))
+
+
 def _of_all_joints(robot: Robot, joints: Sequence[str]) -> bool:
     return tuple(joints) == (EVERYWHERE,) or len(robot.joints) == 1
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.effects.equivalences import _TABLE, equivalences, spelled_out
+from walkerkit.gap.effects.equivalences import _TABLE, equivalences, spelled_out, wholes
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.simulation.replay import Channel, Replay
@@ -159,6 +159,9 @@ def test_two_effects_that_one_is_the_shorter_name_for(effect):
     # With one of the two named, the other is not a pair's but its own.
     assert spelled_out(effect, beside=[names[0]]) == {}
     assert all(spelled_out(name) == {} for name in names)
+    # Each of the two is what it is with the other at zero.
+    assert all(wholes(name) == (effect,) for name in names)
+    assert wholes(effect) == ()
 
 
 def test_every_pair_that_one_effect_is_the_name_for_is_simulated():
