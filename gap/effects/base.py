@@ -82,6 +82,7 @@ class Effect(abc.ABC):
         part: what of the robot it changes. An unknown law of that part is fitted by two known ones
             as a function is by the first terms of a series, so that two of one part at the same
             joint are less sure than each would be. Empty for one of its own kind.
+        also_fits: other parts of which it fits an unknown law as those of the part do.
         kind: whether its sites are joints, bodies or the whole robot.
         shared: the same cause usually acts on all joints (a bus, a filter), so that one value for
             all is preferred where the data allow it.
@@ -100,6 +101,7 @@ class Effect(abc.ABC):
     added_as: ClassVar[str]
     source: ClassVar[str]
     part: ClassVar[Part] = ""
+    also_fits: ClassVar[tuple[Part, ...]] = ()
     kind: ClassVar[SiteKind] = "joint"
     shared: ClassVar[bool] = False
     fitted: ClassVar[bool] = True

@@ -69,10 +69,14 @@ class Backlash(JointEffect):
 
 
 class SeriesElasticity(JointEffect):
-    """A gear, a belt or a spring between motor and link that gives way."""
+    """A gear, a belt or a spring between motor and link that gives way.
+
+    The link follows late, and moves a little before dry friction lets go.
+    """
 
     name = "series_elasticity"
     part = "play"
+    also_fits = ("timing", "friction")
     equation = "τ = K (θ − q), 1/K: compliance [rad/(N·m)], θ: of the motor"
     symptom = "resonance"
     added_as = "two joints, the second with stiffness and damping"

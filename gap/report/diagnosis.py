@@ -77,6 +77,11 @@ class NamedEffect:
     gaps_after: Mapping[str, float] = field(default_factory=dict)
     equivalent: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def determined(self) -> bool:
+        """Whether the recordings say how large any of its numbers is."""
+        return any(estimate.std for estimate in self.parameters)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Considered:

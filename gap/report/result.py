@@ -28,7 +28,7 @@ from walkerkit.gap.report.replayed import (
     replay_half,
     traces,
 )
-from walkerkit.gap.report.stand_ins import stand_ins
+from walkerkit.gap.report.stand_ins import most_sure, stand_ins
 from walkerkit.gap.report.wording import telling
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.naming import Round
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _LEAST_SURE, _MOST_SURE = 0.5, 0.9  # where a gap is left: all of it, hardly any
-_SURE_OF_SEVERAL = 0.85  # of any that may be one together
 _MOST_RIVALS = 4
 
 
@@ -237,10 +236,9 @@ def summarise(
             told, gap, verdict = "fit", other, "unexplained"
     most = _most_sure(gap, verdict)
     groups = stand_ins(problem, final)
-    limits = {name: _SURE_OF_SEVERAL for group in groups for name in group}
+    limits = most_sure(effects, groups)
     effects = tuple(
-        replace(one, confidence=min(most, limits.get(one.effect, 1.0)) * one.confidence)
-        for one in effects
+        replace(one, confidence=min(most, limits[one.effect]) * one.confidence) for one in effects
     )
     half: Half = getattr(problem, told)
     maps = gap_maps(problem, before, after)

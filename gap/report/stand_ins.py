@@ -12,11 +12,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from walkerkit.gap.effects import EVERYWHERE
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.report.diagnosis import NamedEffect
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Term, carried
 
 _FEW = 2
+_SURE_OF_SEVERAL = 0.85  # of any that may be one together
+_SURE_OF_NO_SIZE = 0.5  # of one of which no number is known
 
 Pair = tuple[Term, Term]
 
@@ -45,12 +48,33 @@ def stand_ins(problem: Problem, final: Fit) -> tuple[tuple[str, ...], ...]:
     return tuple(dict.fromkeys((one.effect.name, other.effect.name) for one, other in pairs))
 
 
+def most_sure(effects: Sequence[NamedEffect], groups: Sequence[Sequence[str]]) -> dict[str, float]:
+    """How sure each name may be at most.
+
+    A spring that may as well be rigid shrinks a gap by how it is simulated, not by what it is.
+
+    Args:
+        effects: the named effects.
+        groups: names that may be one together.
+
+    Returns:
+        Names to confidences, 0 to 1.
+    """
+    several = {name for group in groups for name in group}
+    limits = {one.effect: _SURE_OF_SEVERAL if one.effect in several else 1.0 for one in effects}
+    for one in effects:
+        if CATALOGUE[one.effect].fitted and not one.determined:
+            limits[one.effect] = _SURE_OF_NO_SIZE
+    return limits
+
+
 def _same_part(pair: Pair) -> bool:
     one, other = pair
     sites = {*one.sites} & {*other.sites}
     everywhere = EVERYWHERE in {*one.sites, *other.sites}
-    part = one.effect.part
-    return bool(part) and part == other.effect.part and (everywhere or bool(sites))
+    parts = {part for part in (one.effect.part, *one.effect.also_fits) if part}
+    others = {other.effect.part, *other.effect.also_fits}
+    return not parts.isdisjoint(others) and (everywhere or bool(sites))
 
 
 def _undoing(problem: Problem, final: Fit, pairs: Sequence[Pair]) -> list[Pair]:

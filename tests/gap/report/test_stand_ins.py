@@ -7,7 +7,8 @@ import pytest
 
 from tests.gap.search.test_naming import LEG, Q_ONLY, problem_of
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.report.stand_ins import stand_ins
+from walkerkit.gap.report.diagnosis import Diagnosis
+from walkerkit.gap.report.stand_ins import most_sure, stand_ins
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, Term
 
@@ -39,10 +40,13 @@ def named(problem: Problem, *places: Place) -> Fit:
 
 
 FRICTION = ("coulomb_friction", "knee", (0.05,))
+LOADED = ("load_dependent_friction", "knee", (0.1,))
 DELAY = ("loop_delay", "knee", (0.003,))
 FILTER = ("setpoint_filter", "knee", (0.003,))
 OTHER_FILTER = ("setpoint_filter", "ankle", (0.003,))
 BIAS = ("torque_bias", "knee", (0.1,))
+ELASTICITY = ("series_elasticity", "knee", (0.002, 0.05, 0.0))
+OTHER_ELASTICITY = ("series_elasticity", "ankle", (0.002, 0.05, 0.0))
 SPRING = ("parallel_spring", "ankle", (0.2, 0.0))
 
 
@@ -56,6 +60,13 @@ SPRING = ("parallel_spring", "ankle", (0.2, 0.0))
         # A delay of another kind is fitted by these two, where they are of the same joint.
         ((DELAY, FILTER), [("loop_delay", "setpoint_filter")]),
         ((DELAY, OTHER_FILTER), []),
+        # So is a lag of the drive, and friction that gives way before it lets go; dry friction and
+        # a spring are what many a gear has.
+        ((DELAY, ELASTICITY), [("loop_delay", "series_elasticity")]),
+        ((LOADED, ELASTICITY), [("load_dependent_friction", "series_elasticity")]),
+        ((LOADED, OTHER_ELASTICITY), []),
+        ((FRICTION, ELASTICITY), []),
+        ((BIAS, ELASTICITY), []),
     ],
 )
 def test_many_and_two_of_one_part_may_be_one(
@@ -69,3 +80,13 @@ def test_two_that_undo_each_other_may_be_one(problem: Problem, kd: float, groups
     """Damping that the joint gains and the drive loses moves nothing at all."""
     fit = named(problem, ("viscous_friction", "knee", (0.3,)), ("velocity_gain", "knee", (kd,)))
     assert stand_ins(problem, fit) == ((("viscous_friction", "velocity_gain"),) if groups else ())
+
+
+def test_one_of_which_no_number_is_known_is_as_likely_as_not(confused: Diagnosis) -> None:
+    """The mass of the payload has no standard error."""
+    several = [["command_delay", "payload"]]
+    assert most_sure(confused.effects, several) == {
+        "coulomb_friction": 1.0,
+        "command_delay": 0.85,
+        "payload": 0.5,
+    }
