@@ -4,7 +4,7 @@
         print(" and ".join(group))
 
 An unknown law is fitted by known ones as a function is by the first terms of a series: by two of
-the same part of a joint, by two that mostly undo each other, or by many.
+the same part of a joint, or that fit the same part, by two that mostly undo each other, or by many.
 """
 
 from __future__ import annotations
