@@ -17,7 +17,7 @@ from walkerkit.gap.report.diagnosis import NamedEffect
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit, Term, carried
 
-_FEW = 2
+_FEW, _FEW_IN_ALL = 2, 3  # beside what every model has a little wrong, and with it
 _SURE_OF_SEVERAL = 0.85  # of any that may be one together
 _SURE_OF_NO_SIZE = 0.5  # of one of which no number is known
 
@@ -27,7 +27,7 @@ Pair = tuple[Term, Term]
 def stand_ins(problem: Problem, final: Fit) -> tuple[tuple[str, ...], ...]:
     """The names of a fit that may be one together.
 
-    What every model has a little wrong does not make it many, and is a part of its own.
+    What every model has a little wrong is a part of its own, and does not soon make it many.
 
     Args:
         problem: what was explained.
@@ -38,7 +38,7 @@ def stand_ins(problem: Problem, final: Fit) -> tuple[tuple[str, ...], ...]:
     """
     terms = final.structure.terms
     counted = [term for term in terms if not term.effect.ordinary]
-    if len(counted) > _FEW:
+    if len(counted) > _FEW or len(terms) > _FEW_IN_ALL:
         return (tuple(term.effect.name for term in terms),)
     fitted = [term for term in terms if term.effect.fitted]
     pairs = [

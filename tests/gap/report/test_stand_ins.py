@@ -40,6 +40,8 @@ def named(problem: Problem, *places: Place) -> Fit:
 
 
 FRICTION = ("coulomb_friction", "knee", (0.05,))
+DAMPING = ("viscous_friction", "knee", (0.1,))
+INERTIA = ("armature", "knee", (0.01,))
 LOADED = ("load_dependent_friction", "knee", (0.1,))
 DELAY = ("loop_delay", "knee", (0.003,))
 FILTER = ("setpoint_filter", "knee", (0.003,))
@@ -57,6 +59,12 @@ SPRING = ("parallel_spring", "ankle", (0.2, 0.0))
         ((DELAY, BIAS), []),
         ((DELAY, BIAS, SPRING), [("loop_delay", "torque_bias", "parallel_spring")]),
         ((DELAY, BIAS, FRICTION), []),
+        ((DELAY, FRICTION, DAMPING), []),
+        # Four of any kind fit many a law that is none of them.
+        (
+            (DELAY, FRICTION, DAMPING, INERTIA),
+            [("loop_delay", "coulomb_friction", "viscous_friction", "armature")],
+        ),
         # A delay of another kind is fitted by these two, where they are of the same joint.
         ((DELAY, FILTER), [("loop_delay", "setpoint_filter")]),
         ((DELAY, OTHER_FILTER), []),
