@@ -16,6 +16,8 @@ from hypothesis import settings
 os.environ.setdefault("MUJOCO_GL", "disable")
 # Before anything imports numpy: the tests run side by side, and so small matrices gain nothing.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+if "PYTEST_XDIST_WORKER" in os.environ:  # then nor do processes of a test's own
+    os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
 # The same examples each time, however busy the machine is.
 settings.register_profile("suite", max_examples=30, deadline=None, derandomize=True)
 settings.load_profile("suite")

@@ -9,11 +9,11 @@ pays for every step of each; side by side in one batch they share it.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
+import joblib
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -183,7 +183,8 @@ def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
         return []
     groups = _grouped(asked, _alike)
     joined = [replace(_joined([asked[k] for k in some]), n_threads=n_threads) for some in groups]
-    done = _all_done(joined, n_threads or os.cpu_count() or 1)
+    # As many as this process may use, which is fewer than there are in many a container.
+    done = _all_done(joined, n_threads or joblib.cpu_count())
     found: dict[int, Done] = {}
     for k, group in enumerate(groups):
         found.update(zip(group, _apart(done[k], [asked[i] for i in group]), strict=True))
