@@ -181,10 +181,11 @@ def together(asked: Sequence[Asked], n_threads: int) -> list[Done]:
     """
     if not asked:
         return []
+    # As many as this process may use, which is fewer than there are in many a container.
+    n_threads = n_threads or joblib.cpu_count()
     groups = _grouped(asked, _alike)
     joined = [replace(_joined([asked[k] for k in some]), n_threads=n_threads) for some in groups]
-    # As many as this process may use, which is fewer than there are in many a container.
-    done = _all_done(joined, n_threads or joblib.cpu_count())
+    done = _all_done(joined, n_threads)
     found: dict[int, Done] = {}
     for k, group in enumerate(groups):
         found.update(zip(group, _apart(done[k], [asked[i] for i in group]), strict=True))

@@ -95,9 +95,10 @@ def test_the_walker_moves_as_the_replay_does(variant, names, laws):
     assert moved_alike(mended(robot_of(variant)[0], names, laws)).min() > 0.25
 
 
+@pytest.mark.parametrize("variant", [PLAIN, AWKWARD], ids=["plain", "awkward"])
 @pytest.mark.parametrize("name", [name for name in CATALOGUE if name not in ELSEWHERE])
-def test_the_walker_has_each_effect(name):
-    moved = moved_alike(mended(robot_of(AWKWARD)[0], [name], share=1.0))
+def test_the_walker_has_each_effect(variant, name):
+    moved = moved_alike(mended(robot_of(variant)[0], [name], share=1.0))
     # In steps of a tenth the log ends where the motion begins.
     assert moved.max() > 0.001 if name == "timestep" else moved.min() > 0.05
 
