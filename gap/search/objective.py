@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.numerical_error import NumericalError, Way
+from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.starts import Starts, start_errors
 from walkerkit.gap.search.structure import Case, Fit
 from walkerkit.gap.simulation.branches import branches
@@ -67,6 +68,7 @@ class Objective:
         n_threads: threads of the simulation, 0 for all cores.
         free_starts: segments start from a state that is only as good as its measurement; residuals
             are freed of its error, too, which `refine` finds.
+        recent: where what was simulated is kept for a while, of its own by default.
 
     Attributes:
         numerical: the numerical error that is taken out of residuals; none until `refine` finds it.
@@ -80,8 +82,11 @@ class Objective:
         *,
         n_threads: int = 1,
         free_starts: bool = False,
+        recent: Recent | None = None,
     ):
         self.replays = tuple(replays)
+        self.recent = Recent() if recent is None else recent
+        self._owner = object()  # of what is kept there, also by those that are `apart`
         self.n_threads = n_threads
         self._free_starts = free_starts
         self.channels = tuple(scored)
@@ -413,13 +418,24 @@ def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[
     """Of each objective (n of all its cases, rows, n_scored) residuals as simulated."""
     if not wanted:
         return []
-    pairs = [(replay, cases) for one, cases in wanted for replay in one.replays]
+    each = [one.recent.wanted(one._owner, cases) for one, cases in wanted]
+    pairs = [
+        (replay, mine.unknown)
+        for (one, _), mine in zip(wanted, each, strict=True)
+        for replay in one.replays
+        if mine.unknown
+    ]
     trials = [
         Trials.joined([case.trials(replay.robot) for case in cases]) for replay, cases in pairs
     ]
     n_threads = wanted[0][0].n_threads
     predicted = iter(predict_together([replay for replay, _ in pairs], trials, n_threads))
-    return [one._less_measured([next(predicted) for _ in one.replays]) for one, _ in wanted]
+    return [
+        mine.filled(
+            one._less_measured([next(predicted) for _ in one.replays]) if mine.unknown else None
+        )
+        for (one, _), mine in zip(wanted, each, strict=True)
+    ]
 
 
 def _per_case(residual: FloatArray, cases: Sequence[Case]) -> list[FloatArray]:

@@ -17,6 +17,7 @@ from walkerkit.gap.search.excerpt import Gaps, representative, spread
 from walkerkit.gap.search.half import REMADE, STRETCH, Half, Remake, Searched, other_ways
 from walkerkit.gap.search.numerical_error import Way
 from walkerkit.gap.search.objective import Objective, refine
+from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.structure import Fit, Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
@@ -123,8 +124,10 @@ class Problem:
         return self._objective(self.held.told)
 
     def _objective(self, replays: Sequence[Replay]) -> Objective:
-        floor = self.fit.objective.floor
-        return Objective(replays, self.channels, floor, n_threads=self.n_threads)
+        known = self.fit.objective
+        return Objective(
+            replays, self.channels, known.floor, n_threads=self.n_threads, recent=known.recent
+        )
 
     def as_read(self, explained: Fit) -> Problem:
         """The same as it is told of: efforts read before targets, where that suits a fit better."""
@@ -218,6 +221,8 @@ def build(
     # The state of a floating base has so many numbers that what each changes would take too long.
     free_starts = window is not None and not any(robot.base for robot in sized)
 
+    recent = Recent()
+
     def objective(simulated: Sequence[Replay]) -> Objective:
         return Objective(
             simulated,
@@ -225,6 +230,7 @@ def build(
             _FLOOR * floor,
             n_threads=n_threads,
             free_starts=free_starts,
+            recent=recent,
         )
 
     def half(

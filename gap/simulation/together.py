@@ -371,11 +371,11 @@ def _fields(members: Sequence[Asked]) -> dict[str, NDArray[Any]]:
 def _alike(one: Asked, other: Asked) -> bool:
     """Whether two rollouts can be done in one batch."""
     return (
-        differing(one.model, other.model) is not None
-        and _of_like_length(one.n_steps, other.n_steps)
+        _of_like_length(one.n_steps, other.n_steps)
         and one.record == other.record
         and (one.laws is None) == (other.laws is None)
         and (one.laws is None or other.laws is None or one.laws.joins(other.laws))
         and (one.past is None) == (other.past is None)
         and (one.past is None or other.past is None or one.past.joins(other.past))
+        and differing(one.model, other.model) is not None  # which takes longest
     )

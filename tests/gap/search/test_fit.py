@@ -14,6 +14,7 @@ from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, JointEffect, Parameter
 from walkerkit.gap.effects.base import registered
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
+from walkerkit.gap.search import objective as objectives
 from walkerkit.gap.search.certainty import INSENSITIVE, at_bound, certainty, covariance
 from walkerkit.gap.search.fit import evaluate, fit, polish, polished
 from walkerkit.gap.search.numerical_error import NumericalError
@@ -22,7 +23,7 @@ from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms, carried
 from walkerkit.gap.simulation.excursion import excursions
-from walkerkit.gap.simulation.replay import Channel, Replay
+from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
 from walkerkit.gap.simulation.robot import Excursion, robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
@@ -624,6 +625,23 @@ class TestFit:
             one = objective(robot, [recording], n_threads=n)
             found.append(fit(one, evaluate(one, [(tried, tried.zero)]))[0].values)
         np.testing.assert_array_equal(*found)
+
+    def test_what_was_simulated_is_not_simulated_again(self, problem, monkeypatch):
+        robot, recording, _ = problem
+        one, simulated = objective(robot, [recording]), []
+
+        def counting(replays, trials, n_threads):
+            simulated.append(sum(each.n for each in trials))
+            return predict_together(replays, trials, n_threads)
+
+        monkeypatch.setattr(objectives, "predict_together", counting)
+        case = Case(structure=structure([robot], armature=["hip"]), values=np.array([[0.0], [0.1]]))
+        (first,) = one.simulated([case])
+        (mixed,) = one.apart().simulated([replace(case, values=np.array([[0.1], [0.2], [0.0]]))])
+        (fresh,) = objective(robot, [recording]).simulated([case])
+        assert simulated == [2, 1, 2]
+        np.testing.assert_array_equal(mixed[[2, 0]], first)
+        np.testing.assert_array_equal(first, fresh)
 
     def test_two_robots_share_their_values(self):
         stiff, soft = pendulum(kp=60), pendulum(kp=20)
