@@ -216,6 +216,7 @@ class LockStep:
         ctrl: FloatArray,
         qfrc_applied: FloatArray | None = None,
         record: Sequence[str] = ("qpos",),
+        lengths: NDArray[np.intp] | None = None,
     ) -> Rollout:
         """Advances every simulation from `state` under the given controls.
 
@@ -224,11 +225,14 @@ class LockStep:
             ctrl: (n_sims, n_steps, nu) controls, one row per step.
             qfrc_applied: (n_sims, n_steps, nv) applied joint effort [N·m or N], or None.
             record: MjData fields to keep after every step.
+            lengths: (n_sims,) the steps that count of each; all by default. A record means nothing
+                after them.
 
         Returns:
             The records and which simulations failed.
         """
-        self._batch.state[...] = state
+        batch = self._batch
+        batch.state[...] = state
         spec = mujoco.mjtState.mjSTATE_CTRL.value
         control = ctrl
         if qfrc_applied is not None:
@@ -236,17 +240,34 @@ class LockStep:
             spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
             control = np.concatenate([ctrl, qfrc_applied], axis=-1)
         n_steps = ctrl.shape[1]
-        shapes = {name: getattr(self._batch._data, name).shape for name in record}
+        shapes = {name: getattr(batch._data, name).shape for name in record}
         out = {name: np.empty((self.n_sims, n_steps, *shapes[name])) for name in record}
         # MuJoCo resets a simulation that diverges, and its counts of warnings with it, so that only
         # counts from zero tell a failure.
-        self._batch.warning[...] = 0
+        batch.warning[...] = 0
         failed = np.zeros(self.n_sims, dtype=bool)
-        try:
-            with _QUIET:
-                self._batch.rollout(n_steps, control, spec, record, out=out)
-        except SimulationError as error:
-            failed[error.ids] = True
+
+        def run(ids: NDArray[np.intp] | None, length: int, into: dict[str, FloatArray]) -> None:
+            own = control if ids is None else control[ids, :length]
+            try:
+                batch.rollout(length, own, spec, record, ids, into)
+            except SimulationError as error:
+                failed[error.ids] = True
+
+        with _QUIET:
+            run(None, n_steps, out)
+            if lengths is not None:
+                # Whether it was before its end that one stopped is seen where it runs no longer.
+                early = (failed | (batch.warning[:, :, 1] > 0).any(axis=1)) & (lengths < n_steps)
+                for length in np.unique(lengths[early]):
+                    ids = np.flatnonzero(early & (lengths == length))
+                    batch.state[ids], batch.warning[ids], failed[ids] = state[ids], 0, False
+                    again = {name: np.empty((len(ids), length, *shapes[name])) for name in record}
+                    run(ids, int(length), again)
+                    for name in record:
+                        out[name][ids, :length] = again[name]
+        # MuJoCo goes no further with what it warns of, whatever the warning.
+        failed |= (batch.warning[:, :, 1] > 0).any(axis=1)
         return self._done(out, failed)
 
     @property
@@ -315,6 +336,7 @@ class LockStep:
         before: Callable[[int], None],
         *,
         record: Sequence[str] = ("qpos",),
+        lengths: NDArray[np.intp] | None = None,
     ) -> Rollout:
         """Advances every simulation from `state`, asking before each step what to apply.
 
@@ -324,6 +346,7 @@ class LockStep:
             before: called with the number of the step; reads and writes what is `live`, such as
                 `ctrl` and `qfrc_applied`.
             record: MjData fields to keep after every step.
+            lengths: as `rollout` has them; after its own, a simulation is not stepped any more.
 
         Returns:
             The records and which simulations failed.
@@ -335,6 +358,7 @@ class LockStep:
         batch.warning[...] = 0
         failed, checked = np.zeros(self.n_sims, dtype=bool), _CHECKED_EVERY
         going: NDArray[np.intp] | None = None
+        ends = set() if lengths is None else set(lengths.tolist()) - {n_steps}
         with _QUIET:
             for k in range(n_steps):
                 before(k)
@@ -345,13 +369,14 @@ class LockStep:
                     checked = 1
                 for now, name in kept:
                     out[name][:, k] = now
-                if k % checked:
+                if k % checked and k + 1 not in ends:
                     continue
                 failed |= (batch.warning[:, _DIVERGED, 1] > 0).any(axis=1)
-                if failed.any():
-                    checked = 1
-                    # Nothing that has diverged is worth another step.
-                    going = np.flatnonzero(~failed)
+                if failed.any() or k + 1 in ends:
+                    # Nothing that has diverged is worth another step, nor what has come to its end.
+                    over = failed if lengths is None else failed | (lengths <= k + 1)
+                    going = np.flatnonzero(~over)
+                    checked = 1 if failed.any() else checked
                     if not going.size:
                         break
         return self._done(out, failed)

@@ -83,7 +83,8 @@ class Wanted:
         """
         left = np.flatnonzero(self._left)
         for k, one in zip(left, () if found is None else found, strict=True):
-            if self._keys[k] is not None:
+            # What diverges is simulated each time, and warned of each time.
+            if self._keys[k] is not None and np.isfinite(one).all():
                 self._recent.put(self._keys[k], one)
         if found is not None and not self._known:
             return found

@@ -32,6 +32,7 @@ def rollout_with_laws(
     time: FloatArray,
     ahead: FloatArray | None = None,
     past: Past | None = None,
+    lengths: NDArray[np.intp] | None = None,
 ) -> tuple[Rollout, FloatArray | None]:
     """As `LockStep.rollout`, with laws before each step.
 
@@ -46,6 +47,7 @@ def rollout_with_laws(
         ahead: (n_sims, n_steps, n_joints) what targets are at the steps' beginnings over what
             `ctrl` says; None where they are the same.
         past: what the laws saw before it; None for nothing.
+        lengths: (n_sims,) the steps that count of each; None for all.
 
     Returns:
         What was recorded, and (n_sims, n_steps, n_joints) what the laws changed of the effort that
@@ -107,7 +109,7 @@ def rollout_with_laws(
             if past.integral is not None:
                 bank.remember(IntegralAction, {"effort": past.integral})
         loop.begin(ctrl, time, ahead)
-        rollout = batch.step_by_step(state, n_steps, before, record=record)
+        rollout = batch.step_by_step(state, n_steps, before, record=record, lengths=lengths)
     return rollout, None if changed is None else changed.swapaxes(0, 1)
 
 

@@ -54,6 +54,7 @@ class Asked:
         time: (n_sims,) of the first step, by the robot's clock [s].
         ahead: as `rollout_with_laws` takes it.
         past: what the laws saw before, or None.
+        lengths: (n_sims,) the steps that count of each, or None where all do.
     """
 
     model: mujoco.MjModel
@@ -67,6 +68,7 @@ class Asked:
     time: FloatArray
     ahead: FloatArray | None = None
     past: Past | None = None
+    lengths: NDArray[np.intp] | None = None
 
     @property
     def n_sims(self) -> int:
@@ -113,13 +115,18 @@ class Asked:
             time=self.time[rows],
             ahead=None if self.ahead is None else self.ahead[rows],
             past=None if self.past is None else self.past.some(rows),
+            lengths=None if self.lengths is None else self.lengths[rows],
         )
 
     def done(self) -> Done:
         """What was recorded, and what the laws changed, as `rollout_with_laws` returns them."""
         if self.laws is None:
             rollout = self.batch().rollout(
-                self.state, ctrl=self.ctrl, qfrc_applied=self.applied, record=self.record
+                self.state,
+                ctrl=self.ctrl,
+                qfrc_applied=self.applied,
+                record=self.record,
+                lengths=self.lengths,
             )
             return rollout, None
         return rollout_with_laws(
@@ -132,6 +139,7 @@ class Asked:
             time=self.time,
             ahead=self.ahead,
             past=self.past,
+            lengths=self.lengths,
         )
 
 
@@ -326,6 +334,7 @@ def _joined(members: Sequence[Asked]) -> Asked:
         past=Past.joined([one.past for one in members if one.past is not None])
         if first.past is not None
         else None,
+        lengths=np.repeat([one.n_steps for one in members], [one.n_sims for one in members]),
     )
 
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from walkerkit.walkers.batch import LockStep
+from walkerkit.walkers.batch import LockStep, counted_warnings
 
 RIG = """
 <mujoco><option timestep="0.002" integrator="implicitfast"/>
@@ -174,3 +174,52 @@ def test_one_in_which_mujoco_raises_is_nan_and_leaves_the_others_alone(
     np.testing.assert_array_equal(rollout.records["qpos"][2], loop(model, STARTS[2], ctrl[2])[0])
     assert not list(tmp_path.iterdir())
     assert capfd.readouterr() == ("", "")
+
+
+class TestLengths:
+    """What a simulation does after the steps that count of it does not count."""
+
+    @pytest.fixture(params=["rollout", "step_by_step"])
+    def run(self, request, model):
+        def run(ctrl, lengths=None):
+            engine, start = LockStep(model, len(ctrl)), states(model, STARTS[: len(ctrl)])
+            if request.param == "rollout":
+                return engine.rollout(start, ctrl=ctrl, record=RECORD, lengths=lengths)
+
+            def before(k):
+                engine.live("ctrl")[...] = ctrl[:, k]
+
+            return engine.step_by_step(start, ctrl.shape[1], before, record=RECORD, lengths=lengths)
+
+        return run
+
+    def wild(self, *at):
+        """Controls that go out of hand at a step each."""
+        ctrl = commands(len(at))
+        for one, k in zip(ctrl, at, strict=True):
+            one[k:] = 1e14
+        return ctrl
+
+    def test_each_is_what_it_is_alone(self, run):
+        ctrl, lengths = commands(3), np.array([STEPS, 100, 63])
+        found = run(ctrl, lengths)
+        assert not found.failed.any()
+        for k, length in enumerate(lengths):
+            alone = run(ctrl[:, :length])
+            for name in RECORD:
+                np.testing.assert_array_equal(
+                    found.records[name][k, :length], alone.records[name][k]
+                )
+
+    def test_one_that_diverges_after_its_end_has_not_failed(self, run):
+        ctrl = self.wild(101, 40, STEPS)
+        with counted_warnings() as counted:
+            found = run(ctrl, np.array([100, 100, STEPS]))
+        np.testing.assert_array_equal(found.failed, [False, True, False])
+        assert counted == {"bad control": 1} or counted == {"bad acceleration": 1}
+        alone = run(ctrl[:, :100])
+        for name in RECORD:
+            np.testing.assert_array_equal(found.records[name][0, :100], alone.records[name][0])
+        with counted_warnings() as counted:
+            assert run(ctrl).failed.tolist() == [True, True, False]
+        assert sum(counted.values()) == 2

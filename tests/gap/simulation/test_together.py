@@ -157,3 +157,24 @@ def test_processes_find_what_one_finds(monkeypatch: pytest.MonkeyPatch, laws) ->
         for one, found in zip(alone, other, strict=True):
             np.testing.assert_array_equal(found, one)
             assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize("law", [None, Cogging])
+def test_what_a_shorter_one_does_after_its_end_does_not_count(batches, law) -> None:
+    longer, shorter, through = replay(0), replay(1, n=280), replay(1)
+    tried = []
+    for one in (longer, shorter, through):
+        own = Trials(one.robot, 30)
+        own.field("dof_damping")[:, 0] = -np.linspace(1.2, 1.6, own.n)  # which drives it away
+        if law is not None:
+            own.law(law, "hip")["amplitude"][:] = 0.3
+            own.law(law, "hip")["periods"][:] = 4.0
+        tried.append(own)
+    found = predict_together([longer, shorter], tried[:2], 1)
+    assert max(batches) == 60
+    for one, own, predicted in zip((longer, shorter), tried, found, strict=False):
+        np.testing.assert_array_equal(predicted, one.predict(own))
+    of_shorter, of_all = (
+        np.isnan(some).any(axis=(1, 2)) for some in (found[1], through.predict(tried[2]))
+    )
+    assert 0 < of_shorter.sum() < of_all.sum() < 30
