@@ -19,6 +19,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,15 +164,18 @@ class LockStep:
         self.n_sims = n_sims
         # Waking a second thread takes longer than a step of a few simulations.
         alone = n_sims < (2 if only_rollouts else _WORTH_THREADS)
-        self._batch = Batch(model, n_sims, 1 if alone else n_threads)
+        # What each has of its own is copied in every step, so that what all have is the model's.
+        shared = {name: own[0] for name, own in (fields or {}).items() if (own == own[:1]).all()}
+        own = {name: values for name, values in (fields or {}).items() if name not in shared}
+        self._batch = Batch(_with(model, shared), n_sims, 1 if alone else n_threads)
         self._own_flags = int(model.opt.disableflags)
         if model.ntree == 1:  # all that is constrained is one island then, which MuJoCo looks for
             self._own_flags |= _NO_ISLANDS
         self._flags = self._batch.expand("opt.disableflags")
         self._flags[...] = self._own_flags
-        for name, values in (fields or {}).items():
+        for name, values in own.items():
             self._batch.expand(name)[...] = values
-        if any(name in _SET_CONST_INPUTS for name in fields or {}):
+        if not _SET_CONST_INPUTS.isdisjoint(own):
             with _QUIET:
                 self._batch.set_const()
 
@@ -391,3 +395,24 @@ class LockStep:
         for values in out.values():
             values[failed] = np.nan
         return Rollout(records=out, failed=failed)
+
+
+def _with(model: mujoco.MjModel, fields: Mapping[str, NDArray[Any]]) -> mujoco.MjModel:
+    """A model with other values of some fields; itself where it has these."""
+    changed = {}
+    for name, value in fields.items():
+        prefix, _, attribute = name.rpartition(".")
+        if not np.array_equal(getattr(model.opt if prefix else model, attribute), value):
+            changed[prefix, attribute] = value
+    if not changed:
+        return model
+    other = copy(model)
+    for (prefix, attribute), value in changed.items():
+        if prefix and not np.ndim(value):
+            setattr(other.opt, attribute, value.item())
+        else:
+            getattr(other.opt if prefix else other, attribute)[...] = value
+    if not _SET_CONST_INPUTS.isdisjoint(name for _, name in changed):
+        with _QUIET:
+            mujoco.mj_setConst(other, mujoco.MjData(other))
+    return other

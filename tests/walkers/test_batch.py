@@ -223,3 +223,29 @@ class TestLengths:
         with counted_warnings() as counted:
             assert run(ctrl).failed.tolist() == [True, True, False]
         assert sum(counted.values()) == 2
+
+
+@pytest.mark.parametrize("fields", [{"dof_damping"}, {"body_mass", "dof_damping"}, {"opt.gravity"}])
+def test_what_all_have_is_as_what_each_has(model, fields):
+    values = {
+        "dof_damping": np.tile([0.3, 0.2], (2, 1)),
+        "body_mass": np.tile([0.0, 1.3, 0.5], (2, 1)),
+        "opt.gravity": np.tile([0.0, 1.0, -9.0], (2, 1)),
+    }
+    given = {name: values[name] for name in fields}
+    before = {name: np.array(getattr(model, name)) for name in ("dof_damping", "body_mass")}
+    # A third that has others makes each have its own.
+    mixed = {name: np.concatenate([own, 1.1 * own[:1]]) for name, own in given.items()}
+    ctrl, start = commands(3), states(model, STARTS)
+    shared = LockStep(model, 2, fields=given)
+    own = LockStep(model, 3, fields=mixed)
+    found = shared.rollout(start[:2], ctrl=ctrl[:2], record=RECORD).records
+    expected = own.rollout(start, ctrl=ctrl, record=RECORD).records
+    alone = LockStep(model, 2).rollout(start[:2], ctrl=ctrl[:2], record=RECORD).records
+    for name in RECORD:
+        np.testing.assert_array_equal(found[name], expected[name][:2])
+        assert not np.array_equal(found[name], alone[name])
+    for name, value in before.items():
+        np.testing.assert_array_equal(getattr(model, name), value)
+    derived = [engine.batch.get_model(0).dof_invweight0 for engine in (shared, own)]
+    np.testing.assert_array_equal(*derived)
