@@ -32,19 +32,27 @@ if str(ROOT) not in sys.path:
 # A file of tests is run by one worker, so that the longest ones must not come last.
 LONGEST = (
     "gap/test_workflow.py",
-    "test_examples.py",
-    "gap/report/test_output.py",
-    "test_readme.py",
     "walkers/test_dm_control_contracts.py",
+    "test_examples.py",
+    "test_readme.py",
+    "gap/test_standing_diagnosed.py",
+    "gap/search/test_naming.py",
+    "benchmarks/test_hidden_effects.py",
+    "gap/simulation/test_mended.py",
+    "walkers/test_with_actuators.py",
     "gap/fleet/test_fleet.py",
+    "gap/report/test_output.py",
+    "gap/rehearsal/test_rehearse.py",
+    "benchmarks/test_native_rigs.py",
+    "tasks/test_vector.py",
     "test_docs.py",
 )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Puts the longest files first."""
-    longest = [ROOT / "tests" / name for name in LONGEST]
-    items.sort(key=lambda item: item.path not in longest)
+    place = {ROOT / "tests" / name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
 @pytest.fixture(scope="session")

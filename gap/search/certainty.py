@@ -56,11 +56,11 @@ def covariance(
     normal, _ = normal_equations(objective, one, slopes)
     found = _covariance(objective, one, slopes, noise)
     seen = objective if part is None else part
-    (own,) = linearised_each(seen, [one], correct=False)
+    (own,) = linearised_each([seen], [one], correct=False)
     pulled = _pulled(seen, one, own)
     own.correct(seen)
     there = seen.at(one, own.residual)
-    (secants,) = linearised_each(seen, [there], part=_SECANT)
+    (secants,) = linearised_each([seen], [there], part=_SECANT)
     near, wide = (_covariance(seen, there, each, noise) for each in (own, secants))
     wider = _wider(np.diag(near), np.diag(wide))
     found = found * np.outer(wider, wider) + _UNCORRECTED**2 * pulled.T @ pulled

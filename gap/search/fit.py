@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import INSENSITIVE, sensitivity
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
-from walkerkit.gap.search.objective import Objective, consecutive
+from walkerkit.gap.search.objective import Objective, consecutive, simulated_each
 from walkerkit.gap.search.slopes import (
     Slopes,
     linearised_each,
@@ -246,23 +246,17 @@ def _polishing(
 def _in_lock_step(
     objectives: Sequence[Objective], runs: Sequence[_Polishing]
 ) -> list[tuple[Fit, Slopes]]:
-    """What each run finds, with what they ask for at one time simulated in one batch.
-
-    Each has its own objective, which differs from the others in its numerical error only.
-    """
-    every = objectives[0]
+    """What each run finds for its own objective, with what they ask for simulated together."""
     found: dict[int, tuple[Fit, Slopes]] = {}
     answers: dict[int, Any] = dict.fromkeys(range(len(runs)))
     while answers:
         asked = advanced(runs, answers, found)
         fits = {k: one for k, one in asked.items() if isinstance(one, Fit)}
         cases = {k: one for k, one in asked.items() if isinstance(one, Case)}
-        answers = dict(
-            zip(fits, linearised_each(every, list(fits.values()), correct=False), strict=True)
-        )
-        for k, slopes in answers.items():
-            slopes.correct(objectives[k])
-        for k, residual in zip(cases, _simulated(every, list(cases.values())), strict=True):
+        slopes = linearised_each([objectives[k] for k in fits], list(fits.values()))
+        answers = dict(zip(fits, slopes, strict=True))
+        simulated = simulated_each([objectives[k] for k in cases], list(cases.values()))
+        for k, residual in zip(cases, simulated, strict=True):
             objectives[k].take_out_numerical_error(residual)
             answers[k] = residual
     return [found[k] for k in range(len(runs))]
@@ -286,7 +280,7 @@ def polished(
         near: slopes of a fit that has numbers in common with all of them, to begin with.
         iterations: the most steps.
         certain: as there.
-        own: for each start the objective with a numerical error of its own; None for the same.
+        own: for each start the objective that it is to be fitted to instead.
         leader: a score; those too far behind it to catch up at their pace go no further.
     """
     objectives = own or [objective] * len(starts)
@@ -302,7 +296,10 @@ def polished(
         return [found for found, _ in _in_lock_step(objectives, runs)]
 
     def make() -> list[Fit]:
-        sizes = [objective.measured.nbytes * len(start.values) for start in starts]
+        sizes = [
+            its.measured.nbytes * len(start.values)
+            for its, start in zip(objectives, starts, strict=True)
+        ]
         return [
             found
             for group in consecutive(sizes, _KEPT)
@@ -324,7 +321,9 @@ def _next_steps(
     room = _KEPT - sum(one.jacobian.nbytes for one in slopes.values())
     missing = [i for i in active if i not in slopes]
     for i, found in zip(
-        missing, linearised_each(objective, [best[i] for i in missing]), strict=True
+        missing,
+        linearised_each([objective] * len(missing), [best[i] for i in missing]),
+        strict=True,
     ):
         steps[i] = _steps(best[i], *normal_equations(objective, best[i], found))
         if found.simulated > len(_DAMPING) and found.jacobian.nbytes <= room:
@@ -342,11 +341,6 @@ def _best(objective: Objective, case: Case, residual: FloatArray) -> tuple[Fit, 
 def _residuals(objective: Objective, cases: Sequence[Case]) -> Iterator[FloatArray]:
     for group in objective.grouped(cases):
         yield from objective.residuals(cases[group])
-
-
-def _simulated(objective: Objective, cases: Sequence[Case]) -> Iterator[FloatArray]:
-    for group in objective.grouped(cases):
-        yield from objective.simulated(cases[group])
 
 
 def _finished(

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
-from walkerkit.gap.search.evidence import weigh
-from walkerkit.gap.search.fit import Progress, evaluate, polished
+from walkerkit.gap.search.evidence import weigh, weigh_by
+from walkerkit.gap.search.fit import Progress, polished
 from walkerkit.gap.search.naming import Round, name_effects
-from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Case, Fit, Structure, candidate_terms, carried
+from walkerkit.gap.search.objective import refine
+from walkerkit.gap.search.problem import Problem, refined_apart
+from walkerkit.gap.search.structure import Fit, Structure, candidate_terms, carried
 from walkerkit.gap.simulation.commands import Hold
 
 FloatArray = NDArray[np.float64]
@@ -61,11 +62,11 @@ def name_with_best_hold(
     # The search stops without candidates only where the gap is at the floor.
     if known is not None or not rounds[-1].candidates or _skips_targets(problem):
         return problem, rounds
-    named = rounds[-1].fit
-    others = [(_flexible_score(one, named), one) for one in map(make_problem, _OTHERS)]
+    others = [make_problem(one) for one in _OTHERS]
+    flexible, *promised_by = _flexible_scores([problem, *others], rounds[-1].fit)
     score = _score(problem, rounds)
-    worst = max(_flexible_score(problem, named), score)
-    for promised, other in sorted(others, key=lambda one: one[0]):
+    worst = max(flexible, score)
+    for promised, other in sorted(zip(promised_by, others, strict=True), key=lambda one: one[0]):
         if worst - promised < _MARGIN:
             break
         other_rounds = name_effects(other, effects, progress)
@@ -98,29 +99,44 @@ def _told(problem: Problem, rounds: Sequence[Round]) -> float:
     return float(problem.told.score(mean_square))
 
 
-def _flexible_score(problem: Problem, named: Fit) -> float:
-    """How well what was named explains the recordings beside a drive whose numbers are free.
+def _flexible_scores(problems: Sequence[Problem], named: Fit) -> list[float]:
+    """How well what was named explains each problem's recordings beside a drive that is free.
 
     Its friction, inertia, gains and bias. From what was named, as fits from nothing get stuck where
     much is missing, and would compare where they did; and from nothing, as what was named may stand
     in for other targets, and is in the way where these are right.
     """
-    found = [_beside_a_free_drive(problem, named.structure, named.values)]
-    if named.structure.terms:
-        found.append(_beside_a_free_drive(problem, problem.nothing, np.zeros(0)))
-    return min(found)
+    every, starts, races = [], [], []
+    for problem in problems:
+        beside = [_beside_a_free_drive(problem, named.structure, named.values)]
+        if named.structure.terms:
+            beside.append(_beside_a_free_drive(problem, problem.nothing, np.zeros(0)))
+        for start in beside:
+            problem.searched.look_at(start.case)
+            every.append(problem)
+            starts.append(start)
+            races.append((problem.race.objective.apart(), problem.race.finer, start.case))
+    refine(races)
+    objectives = [objective for objective, *_ in races]
+    fits = polished(
+        objectives[0], starts, iterations=_FLEXIBLE_STEPS, certain=False, own=objectives
+    )
+    found: dict[int, float] = {}
+    for problem, one, own in zip(every, fits, refined_apart(every, fits), strict=True):
+        score = float(weigh_by(*own, [one]).both[0])
+        found[id(problem)] = min(score, found.get(id(problem), np.inf))
+    return [found[id(problem)] for problem in problems]
 
 
-def _beside_a_free_drive(problem: Problem, known: Structure, values: FloatArray) -> float:
+def _beside_a_free_drive(problem: Problem, known: Structure, values: FloatArray) -> Fit:
+    """What was known and a drive whose numbers are free, to be fitted."""
     present = {term.effect.name for term in known.terms}
     effects = [CATALOGUE[name] for name in _FLEXIBLE if name not in present]
     terms = candidate_terms(effects, problem.robots, problem.joints)
     structure = Structure((*known.terms, *terms), problem.robots)
-    free = carried(values, known, structure)
-    problem.searched.look_at(Case(structure=structure, values=free[None]))
-    race = problem.race.objective
-    (start,) = evaluate(race, [(structure, free)])
-    problem.race.refine(start)
-    (found,) = polished(race, [start], iterations=_FLEXIBLE_STEPS, certain=False)
-    problem.refine(found)
-    return float(weigh(problem, [found]).both[0])
+    return Fit(
+        structure=structure,
+        values=carried(values, known, structure),
+        score=np.inf,
+        mean_square=np.full(len(problem.channels), np.inf),
+    )

@@ -17,9 +17,8 @@ from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.certainty import certainty
 from walkerkit.gap.search.evidence import Evidence, weigh, weigh_by
 from walkerkit.gap.search.fit import evaluate, fit, polished
-from walkerkit.gap.search.objective import refine
 from walkerkit.gap.search.places import places_needed, refit
-from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.problem import Problem, refined_apart
 from walkerkit.gap.search.scan import scanned
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.slopes import linearised
@@ -81,15 +80,7 @@ def finalists(problem: Problem, fits: Sequence[Fit]) -> list[tuple[Fit, Evidence
     """
     if not fits:
         return []
-    halves = problem.fit, problem.held
-    own = [tuple(half.objective.apart() for half in halves) for _ in fits]
-    refine(
-        [
-            (objective, half.finer, one.case)
-            for one, objectives in zip(fits, own, strict=True)
-            for half, objective in zip(halves, objectives, strict=True)
-        ]
-    )
+    own = refined_apart([problem] * len(fits), fits)
     problem.refine(fits[-1])  # which is known now
     found = polished(
         problem.fit.objective, fits, iterations=_REFITS, own=[fitted for fitted, _ in own]

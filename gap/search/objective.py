@@ -238,22 +238,6 @@ class Objective:
         """As `mean_squares`, with the numerical error in them."""
         return [self.mean_square(residual) for case in cases for residual in self.simulated([case])]
 
-    def linearised(
-        self, cases: Sequence[Case], moves: Sequence[Moves]
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """The residual of each case's first row, and what the moves in its other rows change of it.
-
-        Both as simulated, to be `corrected`.
-
-        Returns:
-            Per case (rows, n_scored), and (n_moves, rows, n_scored) with NaN for what diverged.
-        """
-        simulated = _per_case(self._as_simulated(cases), cases)
-        return [
-            (residual[0], own.apart(residual[1:] - residual[:1]))
-            for residual, own in zip(simulated, moves, strict=True)
-        ]
-
     def corrected(self, residual: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A residual, (rows, n_scored), and changes of it, without their numerical error."""
         at = residual[None].copy()
@@ -401,6 +385,29 @@ def residuals_of(
             one.take_out_numerical_error(residual)
             each.append(_per_case(residual, cases[group]))
         yield from (list(of_case) for of_case in zip(*each, strict=True))
+
+
+def simulated_each(objectives: Sequence[Objective], cases: Sequence[Case]) -> Iterator[FloatArray]:
+    """Of each case, (n, rows, n_scored) residuals as simulated, for an objective of its own."""
+    sizes = [
+        one.measured.nbytes * len(case.values) for one, case in zip(objectives, cases, strict=True)
+    ]
+    for group in consecutive(sizes, _MEMORY):
+        # Those with the same recordings are simulated as one.
+        which: dict[object, list[int]] = {}
+        for k in range(len(cases))[group]:
+            which.setdefault(objectives[k]._owner, []).append(k)
+        simulated = _each_simulated(
+            [(objectives[mine[0]], [cases[k] for k in mine]) for mine in which.values()]
+        )
+        found = {
+            k: residual
+            for mine, residuals in zip(which.values(), simulated, strict=True)
+            for k, residual in zip(
+                mine, _per_case(residuals, [cases[k] for k in mine]), strict=True
+            )
+        }
+        yield from (found[k] for k in sorted(found))
 
 
 def consecutive(sizes: Sequence[int], most: int) -> list[slice]:

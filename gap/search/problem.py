@@ -318,6 +318,22 @@ def build(
     )
 
 
+def refined_apart(
+    problems: Sequence[Problem], fits: Sequence[Fit]
+) -> list[tuple[Objective, Objective]]:
+    """What the problem of each fit fits and holds out, with the numerical error at that fit."""
+    halves = [(problem.fit, problem.held) for problem in problems]
+    own = [(fit.objective.apart(), held.objective.apart()) for fit, held in halves]
+    refine(
+        [
+            (objective, half.finer, one.case)
+            for one, objectives, both in zip(fits, own, halves, strict=True)
+            for objective, half in zip(objectives, both, strict=True)
+        ]
+    )
+    return own
+
+
 def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.Noise:
     """Noise of a channel over all recordings that have it; never 0, even where nothing moves."""
     columns = [channel.measured(r) for r in recordings]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.objective import Moves, Objective
+from walkerkit.gap.search.objective import Moves, Objective, simulated_each
 from walkerkit.gap.search.structure import Case, Fit, Structure, found_in
 
 FloatArray = NDArray[np.float64]
@@ -86,7 +86,7 @@ class _Perturbed:
 
 def linearised(objective: Objective, one: Fit) -> Slopes:
     """The slopes at a fit."""
-    (found,) = linearised_each(objective, [one])
+    (found,) = linearised_each([objective], [one])
     return found
 
 
@@ -96,7 +96,7 @@ def slopes_to_carry(objective: Objective, one: Fit) -> Slopes | None:
 
 
 def linearised_each(
-    objective: Objective,
+    objectives: Sequence[Objective],
     fits: Sequence[Fit],
     own: Sequence[NDArray[np.intp]] | None = None,
     *,
@@ -105,32 +105,35 @@ def linearised_each(
 ) -> Iterator[Slopes]:
     """The slopes at every fit, simulated, or those of some of its numbers, zero for the others.
 
-    Each over a part of the number's scale; with the numerical error in them if not corrected.
+    Each for its own objective and over a part of the number's scale; with the numerical error in
+    them if not corrected.
     """
     if own is None:
         own = [np.arange(len(one.values)) for one in fits]
-    moved = [_perturbed(objective, one, some, part) for one, some in zip(fits, own, strict=True)]
-    cases = [one.case for one in moved]
-    for group in objective.grouped(cases):
-        linearised = objective.linearised(cases[group], [one.moves for one in moved[group]])
-        for one, some, perturbed, (residual, changes) in zip(
-            fits[group], own[group], moved[group], linearised, strict=True
-        ):
-            changes *= (one.structure.scale[some] / perturbed.move)[:, None, None]
-            changes[~np.isfinite(changes.sum(axis=(1, 2)))] = 0.0  # what diverged
-            jacobian = changes
-            if len(some) < len(one.values):
-                jacobian = np.zeros((len(one.values), *residual.shape))
-                jacobian[some] = changes
-            slopes = Slopes(
-                structure=one.structure,
-                residual=residual,
-                jacobian=jacobian,
-                simulated=len(perturbed.case.values) - 1,
-            )
-            if correct:
-                slopes.correct(objective)
-            yield slopes
+    moved = [
+        _perturbed(objective, one, some, part)
+        for objective, one, some in zip(objectives, fits, own, strict=True)
+    ]
+    simulated = simulated_each(objectives, [one.case for one in moved])
+    for objective, one, some, perturbed, residuals in zip(
+        objectives, fits, own, moved, simulated, strict=True
+    ):
+        residual, changes = residuals[0], perturbed.moves.apart(residuals[1:] - residuals[:1])
+        changes *= (one.structure.scale[some] / perturbed.move)[:, None, None]
+        changes[~np.isfinite(changes.sum(axis=(1, 2)))] = 0.0  # what diverged
+        jacobian = changes
+        if len(some) < len(one.values):
+            jacobian = np.zeros((len(one.values), *residual.shape))
+            jacobian[some] = changes
+        slopes = Slopes(
+            structure=one.structure,
+            residual=residual,
+            jacobian=jacobian,
+            simulated=len(perturbed.case.values) - 1,
+        )
+        if correct:
+            slopes.correct(objective)
+        yield slopes
 
 
 def near_slopes(objective: Objective, near: Slopes, starts: Sequence[Fit]) -> Iterator[Slopes]:
@@ -138,7 +141,7 @@ def near_slopes(objective: Objective, near: Slopes, starts: Sequence[Fit]) -> It
     places = [found_in(start.structure, near.structure) for start in starts]
     own = [np.flatnonzero(place < 0) for place in places]
     for start, place, slopes in zip(
-        starts, places, linearised_each(objective, starts, own), strict=True
+        starts, places, linearised_each([objective] * len(starts), starts, own), strict=True
     ):
         scale = start.structure.scale / near.structure.scale[place]
         slopes.jacobian = np.where(

@@ -9,7 +9,7 @@ import numpy as np
 from tests.gap.search.test_naming import LEG, problem_of
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.fit import evaluate
-from walkerkit.gap.search.holds import _flexible_score
+from walkerkit.gap.search.holds import _flexible_scores
 from walkerkit.gap.search.structure import Structure, candidate_terms
 
 
@@ -23,5 +23,6 @@ def test_what_stood_in_for_another_reading_is_not_in_its_way(tmp_path: Path) -> 
     nothing, named = evaluate(
         objective, [(problem.nothing, np.zeros(0)), (structure, np.array([-0.01]))]
     )
-    right = _flexible_score(problem, nothing)
-    assert _flexible_score(problem, named) <= right + 1e-6
+    (right,) = _flexible_scores([problem], nothing)
+    (found,) = _flexible_scores([problem], named)
+    assert found <= right + 1e-6
