@@ -1,7 +1,7 @@
 """Variants that are another compilation: what of a robot no field of its model can say.
 
     for rebuild, rows in rebuilds(trials):
-        rebuilt = Rebuilt(rebuild, robot)
+        rebuilt = rebuilt_as(rebuild, robot)
         moved = rebuilt.trials(trials.rows(rows))       # variants of rebuilt.robot
 
 Trials are always variants of the robot as it is given, whatever they change. `Replay` and `mend`
@@ -70,6 +70,11 @@ def rebuilds(trials: Trials) -> list[tuple[Rebuild, NDArray[np.intp]]]:
         )
         rows.setdefault(rebuild, []).append(row)
     return [(rebuild, np.array(some, dtype=np.intp)) for rebuild, some in rows.items()]
+
+
+def rebuilt_as(rebuild: Rebuild, robot: Robot) -> Rebuilt:
+    """The robot as some variants need it, made once for all who ask."""
+    return robot.kept(rebuild, lambda: Rebuilt(rebuild, robot))
 
 
 class Rebuilt:

@@ -35,7 +35,7 @@ from walkerkit.gap.simulation.interpolate import (
 from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measured_past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.reading import Reading
-from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds
+from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds, rebuilt_as
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.side_by_side import advanced
 from walkerkit.gap.simulation.start import start_state
@@ -157,7 +157,7 @@ class Replay:
         """The same segments on this robot rebuilt; those used last are kept."""
         found = self._rebuilt.pop(rebuild, None)
         if found is None:
-            rebuilt = Rebuilt(rebuild, self.robot)
+            rebuilt = rebuilt_as(rebuild, self.robot)
             found = rebuilt, self.on(rebuilt.robot)
             while len(self._rebuilt) >= _MOST_REBUILT:
                 self._rebuilt.popitem(last=False)

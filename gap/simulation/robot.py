@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import mujoco
 
@@ -28,6 +29,8 @@ from walkerkit.gap.simulation.made import spec_of
 from walkerkit.gap.simulation.model_files import check_model_files
 from walkerkit.gap.simulation.wave import Wave, WaveForm
 
+_Made = TypeVar("_Made")
+_MOST_MADE = 32  # that are kept of what is made of a robot
 _MEND = "Mend the MJCF until MuJoCo loads it."
 _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
@@ -164,6 +167,9 @@ class Robot:
     base: Base | None = None
     notes: tuple[str, ...] = ()
     finer: float = 1.0
+    _made: OrderedDict[Hashable, Any] = field(
+        default_factory=OrderedDict, init=False, repr=False, compare=False
+    )
 
     @property
     def path(self) -> Path | None:
@@ -193,6 +199,12 @@ class Robot:
                 or the other way round.
             as_dry_as_it_goes: its dry friction neither creeps nor lags behind a reversal.
         """
+        return self.kept(
+            ("refined", factor, other_integrator, as_dry_as_it_goes),
+            lambda: self._refined(factor, other_integrator, as_dry_as_it_goes),
+        )
+
+    def _refined(self, factor: int, other_integrator: bool, as_dry_as_it_goes: bool) -> Robot:
         spec = self.spec.copy()
         spec.option.timestep /= factor
         if as_dry_as_it_goes:
@@ -213,9 +225,26 @@ class Robot:
 
     def coarsened(self, factor: int) -> Robot:
         """The same robot with a timestep that is `factor` times longer."""
-        spec = self.spec.copy()
-        spec.option.timestep *= factor
-        return replace(self, spec=spec, model=spec.compile(), finer=self.finer / factor)
+
+        def make() -> Robot:
+            spec = self.spec.copy()
+            spec.option.timestep *= factor
+            return replace(self, spec=spec, model=spec.compile(), finer=self.finer / factor)
+
+        return self.kept(("coarsened", factor), make)
+
+    def kept(self, key: Hashable, make: Callable[[], _Made]) -> _Made:
+        """What is made of this robot, once for all who ask; what was asked for last is kept.
+
+        Args:
+            key: what it is.
+            make: called where it is not kept.
+        """
+        found: _Made = self._made.pop(key, None) or make()
+        while len(self._made) >= _MOST_MADE:
+            self._made.popitem(last=False)
+        self._made[key] = found
+        return found
 
     def measured(self, joint: str) -> Measurement:
         """What is known of a joint's measurement."""
