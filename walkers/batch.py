@@ -258,11 +258,16 @@ class LockStep:
             except SimulationError as error:
                 failed[error.ids] = True
 
+        def stopped() -> NDArray[np.bool_]:
+            # MuJoCo goes no further with what it warns of, whatever the warning.
+            found: NDArray[np.bool_] = failed | (batch.warning[:, :, 1] > 0).any(axis=1)
+            return found
+
         with _QUIET:
             run(None, n_steps, out)
             if lengths is not None:
                 # Whether it was before its end that one stopped is seen where it runs no longer.
-                early = (failed | (batch.warning[:, :, 1] > 0).any(axis=1)) & (lengths < n_steps)
+                early = stopped() & (lengths < n_steps)
                 for length in np.unique(lengths[early]):
                     ids = np.flatnonzero(early & (lengths == length))
                     batch.state[ids], batch.warning[ids], failed[ids] = state[ids], 0, False
@@ -270,9 +275,7 @@ class LockStep:
                     run(ids, int(length), again)
                     for name in record:
                         out[name][ids, :length] = again[name]
-        # MuJoCo goes no further with what it warns of, whatever the warning.
-        failed |= (batch.warning[:, :, 1] > 0).any(axis=1)
-        return self._done(out, failed)
+        return self._done(out, stopped())
 
     @property
     def batch(self) -> Batch:

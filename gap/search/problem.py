@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,6 +21,7 @@ from walkerkit.gap.search.structure import Fit, Structure
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
+from walkerkit.gap.simulation.latest import Latest
 from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import Robot
 
@@ -285,7 +285,7 @@ def build(
         return tuple(found)
 
     fit = half(fitted, picked(fitted, share(fitted, _MOST_STEPS)))
-    parts: OrderedDict[Hashable, Half] = OrderedDict()
+    parts = Latest(_MOST_PARTS)
 
     def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:
         small = share(fitted, most)
@@ -294,11 +294,7 @@ def build(
         some = picked(fitted, small, stretch, gaps)
         where = tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
         key = stretch, longer, where
-        found = parts.pop(key, None) or half(fitted, some, fit.told, longer)
-        while len(parts) >= _MOST_PARTS:
-            parts.popitem(last=False)
-        parts[key] = found
-        return found
+        return parts.get(key, lambda: half(fitted, some, fit.told, longer))
 
     return Problem(
         robots=tuple(sized),

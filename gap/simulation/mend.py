@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from walkerkit.actuators.drivetrain import LAWS, CommandDelay
 from walkerkit.gap.simulation.interpolate import made_delay
-from walkerkit.gap.simulation.rebuild import Rebuilt, rebuilds
+from walkerkit.gap.simulation.rebuild import rebuilds, rebuilt_as
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
 from walkerkit.walkers.settling import state_inertia
@@ -55,7 +55,7 @@ def mend(trial: Trials) -> Robot:
         raise ValueError(f"{trial.n} variants make {trial.n} models; mend them one by one.")
     ((rebuild, _),) = rebuilds(trial)
     if rebuild.needed:
-        trial = Rebuilt(rebuild, trial.robot).trials(trial)
+        trial = rebuilt_as(rebuild, trial.robot).trials(trial)
     robot = trial.robot
     spec = robot.spec.copy()
     spec.compile()  # gives the elements of the copy the ids of the compiled model

@@ -74,7 +74,7 @@ def rebuilds(trials: Trials) -> list[tuple[Rebuild, NDArray[np.intp]]]:
 
 def rebuilt_as(rebuild: Rebuild, robot: Robot) -> Rebuilt:
     """The robot as some variants need it, made once for all who ask."""
-    return robot.kept(rebuild, lambda: Rebuilt(rebuild, robot))
+    return robot.made.get(rebuild, lambda: Rebuilt(rebuild, robot))
 
 
 class Rebuilt:

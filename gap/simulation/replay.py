@@ -10,7 +10,6 @@ recorded past commands; a trial that diverges predicts NaN.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Generator, Sequence
 from dataclasses import replace
 from typing import Any, Literal
@@ -32,6 +31,7 @@ from walkerkit.gap.simulation.interpolate import (
     made_delay,
     nearest_step,
 )
+from walkerkit.gap.simulation.latest import Latest
 from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measured_past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.reading import Reading
@@ -81,7 +81,7 @@ class Replay:
         self.channels = tuple(channels)
         self.n_threads = n_threads
         self._hold: Hold = hold
-        self._rebuilt: OrderedDict[Rebuild, tuple[Rebuilt, Replay]] = OrderedDict()
+        self._rebuilt = Latest(_MOST_REBUILT)
         lengths = [segment.last - segment.first for segment in segments]
         ends = np.cumsum(lengths)
         rows = [slice(int(e - n), int(e)) for e, n in zip(ends, lengths, strict=True)]
@@ -155,14 +155,12 @@ class Replay:
 
     def _rebuilt_as(self, rebuild: Rebuild) -> tuple[Rebuilt, Replay]:
         """The same segments on this robot rebuilt; those used last are kept."""
-        found = self._rebuilt.pop(rebuild, None)
-        if found is None:
+
+        def make() -> tuple[Rebuilt, Replay]:
             rebuilt = rebuilt_as(rebuild, self.robot)
-            found = rebuilt, self.on(rebuilt.robot)
-            while len(self._rebuilt) >= _MOST_REBUILT:
-                self._rebuilt.popitem(last=False)
-        self._rebuilt[rebuild] = found
-        return found
+            return rebuilt, self.on(rebuilt.robot)
+
+        return self._rebuilt.get(rebuild, make)
 
     def _predicting(self, trials: Trials) -> Predicting:
         """One part: variants on this robot itself, all with laws of a kind or all without."""

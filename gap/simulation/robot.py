@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
 import mujoco
 
@@ -25,11 +24,11 @@ from walkerkit.gap.recordings.manifest import is_callable
 from walkerkit.gap.simulation import dry_friction
 from walkerkit.gap.simulation.base import Base, find_base
 from walkerkit.gap.simulation.ground import Ground, add_floor
+from walkerkit.gap.simulation.latest import Latest
 from walkerkit.gap.simulation.made import spec_of
 from walkerkit.gap.simulation.model_files import check_model_files
 from walkerkit.gap.simulation.wave import Wave, WaveForm
 
-_Made = TypeVar("_Made")
 _MOST_MADE = 32  # that are kept of what is made of a robot
 _MEND = "Mend the MJCF until MuJoCo loads it."
 _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -153,6 +152,7 @@ class Robot:
         base: what floats, or None for a robot that is mounted or hung up.
         notes: what a user should know of how the model was read.
         finer: how many times shorter its timestep is than that of the model as it was read.
+        made: what was made of it, for all who ask.
     """
 
     source: str
@@ -167,8 +167,8 @@ class Robot:
     base: Base | None = None
     notes: tuple[str, ...] = ()
     finer: float = 1.0
-    _made: OrderedDict[Hashable, Any] = field(
-        default_factory=OrderedDict, init=False, repr=False, compare=False
+    made: Latest = field(
+        default_factory=lambda: Latest(_MOST_MADE), init=False, repr=False, compare=False
     )
 
     @property
@@ -199,7 +199,7 @@ class Robot:
                 or the other way round.
             as_dry_as_it_goes: its dry friction neither creeps nor lags behind a reversal.
         """
-        return self.kept(
+        return self.made.get(
             ("refined", factor, other_integrator, as_dry_as_it_goes),
             lambda: self._refined(factor, other_integrator, as_dry_as_it_goes),
         )
@@ -231,20 +231,7 @@ class Robot:
             spec.option.timestep *= factor
             return replace(self, spec=spec, model=spec.compile(), finer=self.finer / factor)
 
-        return self.kept(("coarsened", factor), make)
-
-    def kept(self, key: Hashable, make: Callable[[], _Made]) -> _Made:
-        """What is made of this robot, once for all who ask; what was asked for last is kept.
-
-        Args:
-            key: what it is.
-            make: called where it is not kept.
-        """
-        found: _Made = self._made.pop(key, None) or make()
-        while len(self._made) >= _MOST_MADE:
-            self._made.popitem(last=False)
-        self._made[key] = found
-        return found
+        return self.made.get(("coarsened", factor), make)
 
     def measured(self, joint: str) -> Measurement:
         """What is known of a joint's measurement."""

@@ -172,7 +172,7 @@ def test_what_a_shorter_one_does_after_its_end_does_not_count(batches, law) -> N
         tried.append(own)
     found = predict_together([longer, shorter], tried[:2], 1)
     assert max(batches) == 60
-    for one, own, predicted in zip((longer, shorter), tried, found, strict=False):
+    for one, own, predicted in zip((longer, shorter), tried[:2], found, strict=True):
         np.testing.assert_array_equal(predicted, one.predict(own))
     of_shorter, of_all = (
         np.isnan(some).any(axis=(1, 2)) for some in (found[1], through.predict(tried[2]))
