@@ -46,7 +46,7 @@ from walkerkit.gap.report.output import DIAGNOSES, main_files
 from walkerkit.gap.report.result import Result, summarise
 from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
-from walkerkit.gap.search.naming import Round, name_effects
+from walkerkit.gap.search.naming import Explanation, name_effects
 from walkerkit.gap.search.problem import Problem, build
 from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_effort
 from walkerkit.gap.simulation.floating import suited
@@ -193,22 +193,8 @@ def diagnose(
 
 def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -> Result:
     """Names effects, mends the robots and puts it all into words."""
-    problem, rounds = _named(setup, chosen, progress)
-    last, told = rounds[-1], list[str]()
-    one_sided = last.one_sided and not last.fit.structure.terms
-    if one_sided and setup.declared:
-        told.append(
-            "The recordings that were to be held out do not show what the others show, so that "
-            "nothing can be confirmed on them. Hold out others, or say nothing of which."
-        )
-    elif one_sided and setup.may_split_in_time:
-        # An effect that one recording alone excites can be neither fitted nor confirmed on others.
-        in_time = setup.split_in_time()
-        other_problem, other_rounds = _named(in_time, chosen, progress)
-        if other_rounds[-1].fit.structure.terms:
-            problem, rounds = other_problem, other_rounds
-            told.append(_in_time(setup.held_out))
-    final = rounds[-1].fit
+    problem, explanation = _named(setup, chosen, progress)
+    final = explanation.fit
     problem = problem.as_read(final)
     mended = tuple(
         mend(final.structure.trials(robot, final.values[None])) for robot in problem.robots
@@ -216,19 +202,7 @@ def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -
     if progress:
         progress("writing up", 0.0)
     only = None if len(chosen) == len(CATALOGUE) else tuple(effect.name for effect in chosen)
-    result = summarise(problem, rounds, mended, seconds=0.0, only=only)
-    notes = (*told, *result.diagnosis.notes)
-    return with_hints(replace(result, diagnosis=replace(result.diagnosis, notes=notes)))
-
-
-def _in_time(held_out: Recordings) -> str:
-    """Why blocks of time were held out instead of whole recordings, a sentence or two."""
-    names = ", ".join(recording.name for group in held_out for recording in group)
-    return (
-        f"Nothing showed both in the recordings that are fitted and in {names}, held out at first, "
-        "so blocks of time of all recordings are held out instead. `walkerkit compare` holds out "
-        "whole recordings, so that its gap is another."
-    )
+    return with_hints(summarise(problem, explanation, mended, seconds=0.0, only=only))
 
 
 @on_one_thread
@@ -268,11 +242,11 @@ def compare(
             allow_outside=allow_outside,
         )
         problem = setup.problem(_known_hold(setup.robots) or "zero_order")
-        rounds = name_effects(problem, [])
-        problem = problem.as_read(rounds[-1].fit)
+        explanation = name_effects(problem, [])
+        problem = problem.as_read(explanation.fit)
         found = summarise(
             problem,
-            rounds,
+            explanation,
             problem.robots,
             seconds=0.0,
             searched=False,
@@ -409,5 +383,5 @@ def _known_hold(robots: Sequence[Robot]) -> Hold | None:
 
 def _named(
     setup: Setup, effects: Sequence[Effect], progress: Progress | None
-) -> tuple[Problem, tuple[Round, ...]]:
+) -> tuple[Problem, Explanation]:
     return name_with_best_hold(setup.problem, _known_hold(setup.robots), effects, progress)

@@ -20,6 +20,7 @@ class PositionGain(JointEffect):
 
     name = "position_gain"
     part = "gain"
+    ordinary = True
     equation = "τ = Δkp (u − q), Δkp: kp [N·m/rad]"
     symptom = "proportional to position error"
     added_as = "actuator gainprm, biasprm"
@@ -65,6 +66,7 @@ class VelocityGain(JointEffect):
 
     name = "velocity_gain"
     part = "gain"
+    ordinary = True
     equation = "τ = −Δkd q̇, made by the drive, Δkd: kd [N·m·s/rad]"
     symptom = "proportional to speed"
     added_as = "actuator biasprm"

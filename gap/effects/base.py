@@ -49,6 +49,8 @@ class Parameter:
             says nothing about limits and dead zones.
         choice: its values are those at the starts and none between, so that it is not fitted.
         inverse: name and unit of one over it, where that is what people speak of; else empty.
+        prior: standard deviation of its prior, a normal distribution about `zero`: the size that is
+            plausible before any log is seen. By default that of the largest start.
     """
 
     name: str
@@ -60,11 +62,15 @@ class Parameter:
     starts: tuple[float, ...]
     choice: bool = False
     inverse: tuple[str, str] | tuple[()] = ()
+    prior: float = 0.0
 
     def __post_init__(self) -> None:
         inside = all(self.lower <= value <= self.upper for value in (self.zero, *self.starts))
         if not (inside and self.lower < self.upper and self.scale > 0 and self.starts):
             raise ValueError(f"parameter {self.name!r} contradicts itself: {self}")
+        if not self.prior:
+            plausible = max(self.scale, *(abs(start - self.zero) for start in self.starts))
+            object.__setattr__(self, "prior", plausible)
 
 
 _defined: list[type[Effect]] = []

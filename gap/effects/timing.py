@@ -14,6 +14,7 @@ class CommandDelay(JointEffect):
 
     name = "command_delay"
     part = "timing"
+    ordinary = True
     equation = "u(t − d), d: delay [s]"
     symptom = "phase grows with frequency"
     added_as = "actuator delay, nsample"

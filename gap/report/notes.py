@@ -42,7 +42,6 @@ def notes(
     problem: Problem,
     gap: Gap,
     effects: Sequence[NamedEffect],
-    stand_ins: Sequence[Sequence[str]],
     verdict: Verdict,
     *,
     scales: Mapping[str, float],
@@ -55,7 +54,6 @@ def notes(
         problem: what was explained.
         gap: its gap.
         effects: what was named.
-        stand_ins: names that may together be one.
         verdict: the verdict.
         scales: joint to logged over simulated effort, where that is all that is wrong with it.
         searched: whether effects were looked for.
@@ -88,11 +86,6 @@ def notes(
                 f"{named.effect} is the shorter name for {' and '.join(pair)} together, which "
                 f"leave the same log. {reason}"
             )
-    for names in stand_ins:
-        yield (
-            f"{', '.join(names[:-1])} and {names[-1]} may together stand in for one that the "
-            "catalogue lacks: trust the gap that they close more than their names."
-        )
     if scales:
         listed = ", ".join(f"{scale:.4g} times at {joint}" for joint, scale in scales.items())
         yield (

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.wiring import named_errors
-from walkerkit.gap.report.diagnosis import Considered, Diagnosis, NamedEffect, Verdict
+from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect, Verdict
 from walkerkit.gap.report.effort_scale import effort_scales
 from walkerkit.gap.report.experiments import next_experiments
 from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import standing_out
-from walkerkit.gap.report.named import confusion_set, named_effects
+from walkerkit.gap.report.named import confusion_set, considered, named_effects
 from walkerkit.gap.report.notes import notes
 from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
 from walkerkit.gap.report.replayed import (
@@ -28,10 +29,9 @@ from walkerkit.gap.report.replayed import (
     replay_half,
     traces,
 )
-from walkerkit.gap.report.stand_ins import most_sure, stand_ins
 from walkerkit.gap.report.wording import telling
 from walkerkit.gap.search.half import Half
-from walkerkit.gap.search.naming import Round
+from walkerkit.gap.search.naming import Explanation
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.mended import Mended, mended_by_name, only
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_LEAST_SURE, _MOST_SURE = 0.5, 0.9  # where a gap is left: all of it, hardly any
 _MOST_RIVALS = 4
 
 
@@ -59,6 +58,8 @@ class Result:
         robots: the mended robots, one per experiment.
         problem: the comparison it was found with.
         fit: the named effects with their values.
+        comparison: a row for each structure that was fitted: what it has, its elpd, the difference
+            to the best with its standard error, its log prior and its weight.
         following: the next experiment with its targets, where there is one.
         stopgaps: learned drives, where no effect of the catalogue fits.
     """
@@ -67,6 +68,7 @@ class Result:
     robots: tuple[Robot, ...]
     problem: Problem
     fit: Fit
+    comparison: pd.DataFrame
     following: Plan | None
     stopgaps: tuple[LearnedDrive, ...] = ()
 
@@ -199,7 +201,7 @@ class Result:
 
 def summarise(
     problem: Problem,
-    rounds: Sequence[Round],
+    explanation: Explanation,
     mended: Sequence[Robot],
     *,
     seconds: float,
@@ -211,7 +213,7 @@ def summarise(
 
     Args:
         problem: what was explained.
-        rounds: the search.
+        explanation: what the search found.
         mended: the robots with everything that was named.
         seconds: wall time so far.
         searched: whether effects were looked for.
@@ -222,30 +224,24 @@ def summarise(
     Returns:
         The result.
     """
-    final = rounds[-1].fit
+    final = explanation.fit
     before = {half: replay_half(problem, half, problem.robots) for half in ("fit", "held")}
     after = before
     if final.structure.terms:
         after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
     told, gap = "held", gap_of(problem, before["held"], after["held"])
-    effects = named_effects(problem, rounds, after["held"])
+    effects = named_effects(problem, explanation, after["held"])
     verdict = _verdict(gap, bool(effects))
     if verdict == "no_gap" and not held_out_only:
         other = gap_of(problem, before["fit"], before["fit"])
         if _verdict(other, named=False) != verdict:
             told, gap, verdict = "fit", other, "unexplained"
-    most = _most_sure(gap, verdict)
-    groups = stand_ins(problem, final)
-    limits = most_sure(effects, groups)
-    effects = tuple(
-        replace(one, confidence=min(most, limits[one.effect]) * one.confidence) for one in effects
-    )
     half: Half = getattr(problem, told)
     maps = gap_maps(problem, before, after)
     of = {one.signal: one for one in maps}
     map_told = of.get(telling(gap)[0], of.get("position"))
     everything = problem.recordings
-    following = next_experiment(problem, confusion_set(rounds, _MOST_RIVALS))
+    following = next_experiment(problem, confusion_set(problem, explanation, _MOST_RIVALS))
     diagnosis = Diagnosis(
         verdict=verdict,
         gap=gap,
@@ -253,20 +249,7 @@ def summarise(
         remaining=standing_out(map_told.after) if map_told and verdict != "no_gap" else (),
         maps=maps,
         effects=effects,
-        considered=tuple(
-            Considered(
-                round=number,
-                effect=candidate.term.effect.name,
-                improvement=float(1 - np.exp(-candidate.gain)),
-                verdict="indistinguishable"
-                if candidate.close
-                else "named"
-                if one.named is not None and candidate.term.effect is one.named.effect
-                else "lost",
-            )
-            for number, one in enumerate(rounds, start=1)
-            for candidate in one.candidates
-        ),
+        considered=considered(explanation),
         next_experiment=following.experiment if following else None,
         obstacle=obstacle(problem),
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
@@ -275,7 +258,6 @@ def summarise(
                 problem,
                 gap,
                 effects,
-                groups,
                 verdict,
                 scales=effort_scales(after.values(), gap),
                 searched=searched,
@@ -294,6 +276,7 @@ def summarise(
         robots=tuple(replace(robot, hold=problem.hold) for robot in mended),
         problem=problem,
         fit=final,
+        comparison=explanation.table.frame(),
         following=following,
     )
 
@@ -309,14 +292,3 @@ def _verdict(gap: Gap, named: bool) -> Verdict:
         return "no_gap" if nothing else "unexplained"
     followed = all(size.mostly_closed for size in besides)
     return "explained" if gap.position_at_floor and followed else "partly_explained"
-
-
-def _most_sure(gap: Gap, verdict: Verdict) -> float:
-    """How sure names may be where effects that are missing may have been fitted by those named.
-
-    The more of the gap is left, or hidden by the timestep's own error, the less.
-    """
-    shown = [gap.clear] if gap.clear < 1 else []
-    if verdict == "partly_explained":
-        shown += [size.closed for size in (gap.position, *gap.besides.values())]
-    return _LEAST_SURE + (_MOST_SURE - _LEAST_SURE) * min(shown) if shown else 1.0

@@ -20,7 +20,7 @@ from walkerkit.gap.search.slopes import (
     Slopes,
     linearised_each,
     near_slopes,
-    normal_equations,
+    posterior_equations,
 )
 from walkerkit.gap.search.structure import Case, Fit, Structure
 from walkerkit.gap.simulation.side_by_side import advanced
@@ -212,7 +212,7 @@ def _polishing(
     for k in range(iterations if len(best.values) and np.isfinite(best.score) else 0):
         if progress:
             progress(stage, k / iterations)
-        normal, gradient = normal_equations(objective, best, slopes)
+        normal, gradient = posterior_equations(objective, best, slopes)
         trials = _steps(best, normal, gradient)
         step = (trials[0] - best.values) / best.structure.scale
         promised = -float(step @ (gradient + 0.5 * normal @ step))
@@ -314,7 +314,7 @@ def _next_steps(
 ) -> list[Case]:
     """A trial per damping factor for each fit; finds the slopes that are missing."""
     steps = {
-        i: _steps(best[i], *normal_equations(objective, best[i], slopes[i]))
+        i: _steps(best[i], *posterior_equations(objective, best[i], slopes[i]))
         for i in active
         if i in slopes
     }
@@ -325,7 +325,7 @@ def _next_steps(
         linearised_each([objective] * len(missing), [best[i] for i in missing]),
         strict=True,
     ):
-        steps[i] = _steps(best[i], *normal_equations(objective, best[i], found))
+        steps[i] = _steps(best[i], *posterior_equations(objective, best[i], found))
         if found.simulated > len(_DAMPING) and found.jacobian.nbytes <= room:
             room -= found.jacobian.nbytes
             slopes[i] = found

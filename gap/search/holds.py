@@ -1,6 +1,6 @@
 """Holds: what a log's targets are between their samples, and the effects named under that.
 
-    problem, rounds = name_with_best_hold(make_problem, None, effects)
+    problem, explanation = name_with_best_hold(make_problem, None, effects)
 
 A drive holds its last command, but a log at the rate of the control loop itself is better read
 between samples than held for a simulation that is faster than the loop. And a log may show at the
@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
-from walkerkit.gap.search.evidence import weigh, weigh_by
-from walkerkit.gap.search.fit import Progress, polished
-from walkerkit.gap.search.naming import Round, name_effects
+from walkerkit.gap.search.fit import Progress, evaluate, polished
+from walkerkit.gap.search.naming import Explanation, leaves_nothing, name_effects
 from walkerkit.gap.search.objective import refine
-from walkerkit.gap.search.problem import Problem, refined_apart
+from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, candidate_terms, carried
 from walkerkit.gap.simulation.commands import Hold
 
@@ -45,7 +44,7 @@ def name_with_best_hold(
     known: Hold | None,
     effects: Sequence[Effect],
     progress: Progress | None = None,
-) -> tuple[Problem, tuple[Round, ...]]:
+) -> tuple[Problem, Explanation]:
     """Names effects with held targets and, where that leaves a gap, with others that suit better.
 
     Args:
@@ -58,26 +57,26 @@ def name_with_best_hold(
         What is explained, and the explanation as `name_effects` has it.
     """
     problem = make_problem(known or "zero_order")
-    rounds = name_effects(problem, effects, progress)
-    # The search stops without candidates only where the gap is at the floor.
-    if known is not None or not rounds[-1].candidates or _skips_targets(problem):
-        return problem, rounds
+    explanation = name_effects(problem, effects, progress)
+    at_floor = leaves_nothing(problem, explanation.fit)
+    if known is not None or not explanation.searched or at_floor or _skips_targets(problem):
+        return problem, explanation
     others = [make_problem(one) for one in _OTHERS]
-    flexible, *promised_by = _flexible_scores([problem, *others], rounds[-1].fit)
-    score = _score(problem, rounds)
+    flexible, *promised_by = _flexible_scores([problem, *others], explanation.fit)
+    score = _score(problem, explanation)
     worst = max(flexible, score)
     for promised, other in sorted(zip(promised_by, others, strict=True), key=lambda one: one[0]):
         if worst - promised < _MARGIN:
             break
-        other_rounds = name_effects(other, effects, progress)
-        found = {term.effect.name for term in other_rounds[-1].fit.structure.terms}
+        found = name_effects(other, effects, progress)
+        named = {one.term.effect.name for one in found.named}
         # Of the next row and late by as much is held, which the first search did not get right.
-        undone = other.hold == "next" and not found.isdisjoint(_LATE)
-        better = _score(other, other_rounds) < score - _MARGIN
+        undone = other.hold == "next" and not named.isdisjoint(_LATE)
+        better = _score(other, found) < score - _MARGIN
         # A timestep's own error, as it is taken out, may favour either.
-        if better and not undone and _told(other, other_rounds) < _told(problem, rounds):
-            return other, other_rounds
-    return problem, rounds
+        if better and not undone and _as_it_is(other, found) < _as_it_is(problem, explanation):
+            return other, found
+    return problem, explanation
 
 
 def _skips_targets(problem: Problem) -> bool:
@@ -87,16 +86,18 @@ def _skips_targets(problem: Problem) -> bool:
     return bool(step * fastest > _LONGER)
 
 
-def _score(problem: Problem, rounds: Sequence[Round]) -> float:
+def _score(problem: Problem, explanation: Explanation) -> float:
     """How well what was named explains the recordings, in the light of its own numerical error."""
-    problem.refine(rounds[-1].fit)
-    return float(weigh(problem, [rounds[-1].fit]).both[0])
+    problem.refine(explanation.fit)
+    one = explanation.fit
+    return evaluate(problem.fit.objective, [(one.structure, one.values)])[0].score
 
 
-def _told(problem: Problem, rounds: Sequence[Round]) -> float:
+def _as_it_is(problem: Problem, explanation: Explanation) -> float:
     """How well what was named explains the recordings as the gap is told, by the model's steps."""
-    (mean_square,) = problem.told.as_it_is([rounds[-1].fit.case])[0]
-    return float(problem.told.score(mean_square))
+    objective = problem.whole.objective
+    (mean_square,) = objective.as_it_is([explanation.fit.case])[0]
+    return float(objective.score(mean_square))
 
 
 def _flexible_scores(problems: Sequence[Problem], named: Fit) -> list[float]:
@@ -122,9 +123,10 @@ def _flexible_scores(problems: Sequence[Problem], named: Fit) -> list[float]:
         objectives[0], starts, iterations=_FLEXIBLE_STEPS, certain=False, own=objectives
     )
     found: dict[int, float] = {}
-    for problem, one, own in zip(every, fits, refined_apart(every, fits), strict=True):
-        score = float(weigh_by(*own, [one]).both[0])
-        found[id(problem)] = min(score, found.get(id(problem), np.inf))
+    for problem, one in zip(every, fits, strict=True):
+        problem.refine(one)
+        (own,) = evaluate(problem.fit.objective, [(one.structure, one.values)])
+        found[id(problem)] = min(own.score, found.get(id(problem), np.inf))
     return [found[id(problem)] for problem in problems]
 
 

@@ -18,10 +18,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.numerical_error import NumericalError, Way
 from walkerkit.gap.search.recent import Recent
-from walkerkit.gap.search.starts import Starts, start_errors
-from walkerkit.gap.search.structure import Case, Fit
+from walkerkit.gap.search.starts import ALIKE, Starts, start_errors
+from walkerkit.gap.search.structure import Case, Fit, Structure
 from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
 from walkerkit.gap.simulation.trials import Trials
@@ -100,6 +101,7 @@ class Objective:
             maxlen=_REMEMBERED
         )
         self._coarse = False
+        self._level: tuple[NumericalError, FloatArray] | None = None
 
     def apart(self) -> Objective:
         """The same recordings, to have another numerical error; what is known of such is shared."""
@@ -155,7 +157,7 @@ class Objective:
                 left = own[None].copy()
                 self.take_out_numerical_error(left)
                 variance = self.mean_square(left[0]) + self.floor**2
-                starts = Starts(*self._segments, changes, variance)
+                starts = Starts(*self.spans, changes, variance)
                 self.numerical = error.beside(starts)
         self._refined.append((case.structure.key, case.values[0], self.numerical))
 
@@ -188,7 +190,7 @@ class Objective:
         return _blocks(self.replays)
 
     @cached_property
-    def _segments(self) -> tuple[list[slice], FloatArray]:
+    def spans(self) -> tuple[list[slice], FloatArray]:
         """Rows of every segment, and how long it is [s]."""
         spans: list[slice] = []
         for one in self.replays:
@@ -228,11 +230,31 @@ class Objective:
         return float(factors[self.numerical.ways.index(way)]) if way in self.numerical.ways else 0.0
 
     def numerical_size(self) -> FloatArray:
-        """(n_scored,) root mean square of what a finer timestep changes; 0 where unknown."""
-        changes = self.numerical.changes
-        if not len(changes):
+        """(n_scored,) root mean square of what a finer timestep changes; 0 where unknown.
+
+        Without what another reading of efforts changes as well, which is no error of the timestep.
+        """
+        numerical = self.numerical
+        if not len(numerical.changes):
             return np.zeros(len(self.channels))
-        return np.sqrt(self.mean_square(changes[0]))
+        half = numerical.changes[0]
+        if "reading" in numerical.ways:
+            read = numerical.changes[numerical.ways.index("reading")]
+            square = np.einsum("rc,rc->c", read, read)
+            along = np.einsum("rc,rc->c", read, half) / np.where(square > 0, square, 1.0)
+            half = half - along * read
+        return np.sqrt(self.mean_square(half))
+
+    @property
+    def level(self) -> FloatArray:
+        """(n_scored,) gap below which nothing is gained: the noise's, and the numerical error's.
+
+        That is taken out of residuals as far as it is known, but not to the last digit.
+        """
+        if self._level is None or self._level[0] is not self.numerical:
+            size = NUMERICAL_LEFT * self.numerical_size()
+            self._level = self.numerical, np.hypot(self.floor, size)
+        return self._level[1]
 
     def as_it_is(self, cases: Sequence[Case]) -> list[FloatArray]:
         """As `mean_squares`, with the numerical error in them."""
@@ -293,7 +315,7 @@ class Objective:
 
     def best(self, case: Case, mean_square: FloatArray) -> tuple[Fit, int]:
         """The best of some values whose gaps are known, (n, n_scored), and which it is."""
-        scores = self.score(mean_square)
+        scores = self.score(mean_square) + self.penalty(case.structure, case.values)
         k = int(np.argmin(scores))
         found = Fit(
             structure=case.structure,
@@ -315,12 +337,24 @@ class Objective:
 
     def score(self, mean_square: FloatArray) -> FloatArray:
         """(..., n_scored) mean squares → (...) scores; infinity for a trial that diverged."""
-        score = 0.5 * np.log(mean_square + self.floor**2).mean(axis=-1)
+        score = 0.5 * np.log(mean_square + self.level**2).mean(axis=-1)
         return np.where(np.isnan(score), np.inf, score)
+
+    @cached_property
+    def samples(self) -> float:
+        """How many independent samples the scored channels have, if errors last `ALIKE` seconds."""
+        spans, durations = self.spans
+        present = [np.isfinite(self.measured[span]).any(axis=0).sum() for span in spans]
+        return max(1.0, float(np.dot(present, durations)) / ALIKE)
+
+    def penalty(self, structure: Structure, values: FloatArray) -> FloatArray:
+        """(n, n_parameters) values → (n,) what their priors add to the score."""
+        away: FloatArray = (values - structure.zero) / structure.prior
+        return 0.5 * np.sum(away**2, axis=-1) / self.samples
 
     def weights(self, mean_square: FloatArray) -> FloatArray:
         """(n_scored,) factors that make ½ Σ w r² change as the score does near these gaps."""
-        size: FloatArray = self.count * (mean_square + self.floor**2) * len(self.channels)
+        size: FloatArray = self.count * (mean_square + self.level**2) * len(self.channels)
         return 1 / size
 
     def block_squares(self, residual: FloatArray) -> FloatArray:

@@ -177,10 +177,23 @@ def normal_equations(
     # A few rows at a time stay in a core's cache.
     for first in range(0, rows, _ROWS):
         part = slopes.jacobian[:, first : first + _ROWS]
-        weighted = (part * weights).reshape(n, -1)
-        normal += weighted @ part.reshape(n, -1).T
+        weighted = (part * weights).reshape(n, part.shape[1] * part.shape[2])
+        normal += weighted @ part.reshape(weighted.shape).T
         gradient += weighted @ slopes.residual[first : first + _ROWS].ravel()
     return normal, gradient
+
+
+def posterior_equations(
+    objective: Objective, one: Fit, slopes: Slopes
+) -> tuple[FloatArray, FloatArray]:
+    """As `normal_equations`, with the priors of the parameters."""
+    normal, gradient = normal_equations(objective, one, slopes)
+    scale = one.structure.scale / one.structure.prior
+    away = (one.values - one.structure.zero) / one.structure.prior
+    return (
+        normal + np.diag(scale**2 / objective.samples),
+        gradient + scale * away / objective.samples,
+    )
 
 
 def losses(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
@@ -188,7 +201,7 @@ def losses(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
 
     The other parameters follow.
     """
-    normal, _ = normal_equations(objective, one, slopes)
+    normal, _ = posterior_equations(objective, one, slopes)
     variance = np.diag(np.linalg.pinv(normal, rcond=1e-12, hermitian=True))
     away = (one.values - one.structure.zero) / one.structure.scale
     lost: FloatArray = 0.5 * away**2 / np.maximum(variance, 1e-300)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 _Float = TypeVar("_Float", np.float32, np.float64)
 
-_ALIKE = 0.1  # s, for which the errors of a simulation stay alike
+ALIKE = 0.1  # s, for which the errors of a simulation stay alike
 
 
 def start_errors(joints: Sequence[str]) -> Mapping[str, FloatArray]:
@@ -53,7 +53,7 @@ class Starts:
         self._parts = []
         for span, duration in zip(spans, durations, strict=True):
             own = changes[:, span]
-            weights = max(1.0, duration / _ALIKE) / own.shape[1] / variance
+            weights = max(1.0, duration / ALIKE) / own.shape[1] / variance
             weighted = (own * weights).reshape(len(own), -1)
             own = own.reshape(len(own), -1)
             gain = np.linalg.solve(np.eye(len(own)) + weighted @ own.T, weighted)

@@ -106,6 +106,11 @@ class Structure:
         )
 
     @cached_property
+    def prior(self) -> FloatArray:
+        """(n_parameters,) standard deviations of the priors, normal about `zero`."""
+        return np.array([slot.parameter.prior for slot in self.slots])
+
+    @cached_property
     def branches(self) -> tuple[int | None, ...]:
         """(n_parameters,) the only branch of the robots that each number can change, or None."""
         if any(term.effect.kind == "robot" for term in self.terms):

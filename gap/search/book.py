@@ -1,0 +1,168 @@
+"""The book of all structures that were fitted, in which each stands once it is worth reading.
+
+    book = Book(problem)
+    book.add(fit)
+    book.best                # the member that the table prefers
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.certainty import at_bound
+from walkerkit.gap.search.compare import Member, Table
+from walkerkit.gap.search.decision import KNOWN, LEAST_CHANGE, LEAST_GAIN, TEMPERATURE
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.reduce import members
+from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes, posterior_equations
+from walkerkit.gap.search.structure import Fit
+
+FloatArray = NDArray[np.float64]
+
+_OUT_OF_REACH = 3.0  # times T, of a log weight, that leave-one-out could hardly make up
+
+
+class Book:
+    """All structures that were fitted to the recordings of a problem.
+
+    Args:
+        problem: what is to be explained.
+
+    Attributes:
+        gains: round and name of what was tried to what it takes off the score.
+    """
+
+    def __init__(self, problem: Problem):
+        self._problem = problem
+        self._known: tuple[Fit, Slopes] | None = None
+        self.gains: dict[tuple[int, str], float] = {}
+        self._members: list[Member] = []
+        self._table: Table | None = None
+
+    @property
+    def table(self) -> Table:
+        """The comparison of all members."""
+        if self._table is None:
+            self._table = Table(tuple(self._members))
+        return self._table
+
+    @property
+    def best(self) -> Member:
+        """The member that the table prefers."""
+        return self.table.best
+
+    def add(self, one: Fit, *, beside: Fit | None = None) -> Fit:
+        """Adds a fit to all recordings that are fitted, with what it does not need left out.
+
+        What was not estimated, or brings less than is worth a name, is left out of the table: an
+        effect is named only if some number of it is known, none of the others ran into its bound,
+        and what is there without it leaves larger gaps.
+
+        Args:
+            one: the fit.
+            beside: a fit without its last effect, or another in its place, that it has to beat.
+
+        Returns:
+            The fit, with the score that it has by its own numerical error.
+        """
+        problem, objective = self._problem, self._problem.fit.objective
+        if beside is not None:
+            self._tried(one, beside)
+        if not np.isfinite(one.score) or (
+            beside is not None
+            and (one.score - beside.score) * objective.samples > _OUT_OF_REACH * TEMPERATURE
+        ):
+            return one
+        problem.fit.refine(one)
+        slopes = self._slopes_beside(one, beside)
+        one = objective.at(one, slopes.residual)
+        if beside is None:
+            self._known = one, slopes
+        if not _estimated(problem, one, slopes):
+            return one
+        found = members(objective, one, slopes, problem.noise)
+        if beside is None:
+            self._left_out(found)
+        if beside is None or not self._members or self._worth_a_name(found[0]):
+            self._members += found
+            self._table = None
+        return one
+
+    def slopes(self, one: Fit) -> Slopes:
+        """Those at a fit, of which the latest are kept."""
+        if self._known is None or self._known[0] is not one:
+            self._problem.fit.refine(one)
+            self._known = one, linearised(self._problem.fit.objective, one)
+        return self._known[1]
+
+    def _slopes_beside(self, one: Fit, beside: Fit | None) -> Slopes:
+        """Those at a fit; of the numbers that a known fit beside it has, those of that one do."""
+        if beside is None or self._known is None or self._known[0] is not beside:
+            return self.slopes(one)
+        (found,) = near_slopes(self._problem.fit.objective, self._known[1], [one])
+        return found
+
+    def _tried(self, one: Fit, beside: Fit) -> None:
+        rare = [t for t in one.structure.terms if t.effect.fitted and not t.effect.ordinary]
+        key = (1 + len(rare), rare[-1].effect.name)
+        self.gains[key] = max(self.gains.get(key, -np.inf), beside.score - one.score)
+
+    def _left_out(self, found: Sequence[Member]) -> None:
+        """What each ordinary effect brings that a structure of the ground needs."""
+        best, *without = found
+        sizes = [np.log(np.hypot(m.scores.size, m.scores.floor)).mean() for m in found]
+        for name, size in zip(best.effects, sizes[1:], strict=False):
+            if name not in self.gains:
+                self.gains[1, name] = float(size - sizes[0])
+
+    def _worth_a_name(self, one: Member) -> bool:
+        """Whether what the table has with fewer rare effects leaves larger gaps, somewhere."""
+        plain = [m for m in self._members if _rare(m) < _rare(one)]
+        if not plain:
+            return True
+        table = Table(tuple(plain))
+        return _gains(self._problem, table.best, one)
+
+
+def _gains(problem: Problem, before: Member, after: Member) -> bool:
+    """Whether gaps of some joint are smaller by what is worth a name, in all or in most blocks."""
+    joints = [channel.joint for channel in problem.channels]
+    count, floor = before.scores.count, before.scores.floor**2
+    old, new = (one.scores.squares for one in (before, after))
+    explained = np.sqrt(np.maximum(before.scores.size**2 - after.scores.size**2, 0))
+    if not (explained >= LEAST_CHANGE * before.scores.floor).any():
+        return False
+    measured = np.maximum(count, 1)
+    of_blocks = 0.5 * np.log((old / measured + floor) / (new / measured + floor))
+    typical = np.sum(of_blocks * (count > 0), axis=0) / np.maximum((count > 0).sum(axis=0), 1)
+    in_all = 0.5 * np.log((before.scores.size**2 + floor) / (after.scores.size**2 + floor))
+    return any(
+        float(gain[[j == joint for j in joints]].mean()) >= LEAST_GAIN
+        for joint in dict.fromkeys(joints)
+        for gain in (typical, in_all)
+    )
+
+
+def _estimated(problem: Problem, one: Fit, slopes: Slopes) -> bool:
+    """Whether of each rare effect some number is known, at some place, and none is at its bound."""
+    structure, objective = one.structure, problem.fit.objective
+    normal, _ = posterior_equations(objective, one, slopes)
+    variance = np.diag(np.linalg.pinv(normal, rcond=1e-12, hermitian=True))
+    std = structure.scale * np.sqrt(TEMPERATURE * np.maximum(variance, 0) / objective.samples)
+    known = np.abs(one.values - structure.zero) >= KNOWN * std
+    stopped = at_bound(one)
+    for term in structure.terms:
+        if term.effect.ordinary or not term.effect.fitted:
+            continue
+        columns = structure.columns(term)
+        fitted = [k for k in columns if not structure.slots[k].parameter.choice]
+        if not known[columns].any() or stopped[fitted].any():
+            return False
+    return True
+
+
+def _rare(one: Member) -> int:
+    return sum(not t.effect.ordinary and t.effect.fitted for t in one.fit.structure.terms)

@@ -1,0 +1,156 @@
+"""The comparison: one table of all structures that were fitted, and how much weight each has.
+
+    table = Table(members)
+    table.weights                    # (n,) posterior weights, pseudo-BMA+
+    table.confidence(["payload"])    # the weight of all structures that have it
+    print(table.frame())             # structures, elpd, difference, its standard error, weight
+
+A structure's weight goes with its prior times exp(elpd / T), where elpd is that of draws of the
+blocks (the Bayesian bootstrap), so that what a few blocks say does not make it certain: pseudo-BMA+
+of Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 2018.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.search.decision import (
+    CONFUSION,
+    PRICE_ORDINARY,
+    PRICE_PLACE,
+    PRICE_RARE,
+    TEMPERATURE,
+)
+from walkerkit.gap.search.score import Scores
+from walkerkit.gap.search.structure import Fit
+
+FloatArray = NDArray[np.float64]
+Places = Mapping[str, tuple[str, ...]]
+
+_DRAWS, _SEED = 1000, 20260101
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Member:
+    """A structure of the table.
+
+    Attributes:
+        effects: names of the effects that it has, to where; of the ordinary ones those it needs.
+        scores: how it predicts blocks that its fit has not seen.
+        fit: the fit that it is of, with all ordinary effects.
+        kept: indices of those values of the fit that it has.
+    """
+
+    effects: Places
+    scores: Scores
+    fit: Fit
+    kept: NDArray[np.intp]
+
+    @property
+    def log_prior(self) -> float:
+        """Log prior odds: what is rare costs more than what every model has a little wrong."""
+        return sum(log_prior(name, len(places)) for name, places in self.effects.items())
+
+
+def log_prior(effect: str, places: int) -> float:
+    """Log prior odds of an effect at so many places."""
+    if effect in CATALOGUE and CATALOGUE[effect].ordinary:
+        return -PRICE_ORDINARY * places
+    return -PRICE_RARE - PRICE_PLACE * places
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """All structures that were fitted.
+
+    Attributes:
+        members: in the order in which they were fitted.
+    """
+
+    members: tuple[Member, ...]
+
+    @cached_property
+    def blocks(self) -> FloatArray:
+        """(n, n_blocks) elpd of each block, all by the scale of the one with the smallest gaps."""
+        sizes = [np.log(np.hypot(m.scores.size, m.scores.floor)).mean() for m in self.members]
+        scale = self.members[int(np.argmin(sizes))].scores
+        return np.stack([member.scores.elpd(scale) for member in self.members])
+
+    @cached_property
+    def worth(self) -> FloatArray:
+        """(n,) logs of the weights by all blocks, but for a constant."""
+        prior = np.array([member.log_prior for member in self.members])
+        worth: FloatArray = self.blocks.sum(axis=1) / TEMPERATURE + prior
+        return worth
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """(n,) posterior weights; they add up to 1."""
+        prior = np.array([member.log_prior for member in self.members])
+        count = self.blocks.shape[1]
+        drawn = np.random.default_rng(_SEED).dirichlet(np.ones(count), size=_DRAWS)
+        logs = count * self.blocks @ drawn.T / TEMPERATURE + prior[:, None]
+        logs -= logs.max(axis=0)
+        weights = np.exp(logs)
+        found: FloatArray = (weights / weights.sum(axis=0)).mean(axis=1)
+        return found
+
+    @property
+    def best(self) -> Member:
+        """The structure that is worth most."""
+        return self.members[int(np.argmax(self.worth))]
+
+    def confidence(self, effects: Collection[str]) -> float:
+        """The weight of all structures that have one of some effects."""
+        has = [not member.effects.keys().isdisjoint(effects) for member in self.members]
+        return float(min(1.0, self.weights[has].sum()))
+
+    def exchanges(self, effect: str) -> dict[str, Member]:
+        """What could be in an effect's place.
+
+        Returns:
+            Of the structures that hold `CONFUSION` of the weight those without it, by the name of
+            what they have instead, most probable first.
+        """
+        order = np.argsort(-self.weights, kind="stable")
+        within = int(np.searchsorted(np.cumsum(self.weights[order]), CONFUSION)) + 1
+        best, found = self.best, dict[str, Member]()
+        for k in order[:within]:
+            one = self.members[k]
+            if effect not in one.effects:
+                for name in one.effects.keys() - best.effects.keys():
+                    found.setdefault(name, one)
+        return found
+
+    def frame(self) -> pd.DataFrame:
+        """A row a structure: what it has, elpd, difference to the best with its se, weight."""
+        best = self.blocks[int(np.argmax(self.worth))]
+        difference = self.blocks - best
+        table = pd.DataFrame(
+            {
+                "structure": [described(member.effects) for member in self.members],
+                "elpd": self.blocks.sum(axis=1),
+                "difference": difference.sum(axis=1),
+                "se": np.sqrt(difference.shape[1] * difference.var(axis=1)),
+                "log_prior": [member.log_prior for member in self.members],
+                "weight": self.weights,
+            }
+        )
+        return table.sort_values("weight", ascending=False, kind="stable", ignore_index=True)
+
+
+def described(effects: Places) -> str:
+    """Effects and where they are, in a line."""
+    parts = (
+        name if "*" in places else f"{name} ({', '.join(places)})"
+        for name, places in effects.items()
+    )
+    return " + ".join(parts) or "nothing"
+

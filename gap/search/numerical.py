@@ -1,0 +1,56 @@
+"""A simulation that is good enough: where most of a gap is numerical, the timestep is named first.
+
+    fit = as_simulated_well(problem, effects, nothing)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from walkerkit.gap.effects import Effect
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Case, Fit, candidate_terms
+
+_LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
+_NEARLY_NOTHING = 0.1  # of all joints', where it was nothing else
+_FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.007  # of the noise, and of how far a joint moves
+
+
+def as_simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -> Fit:
+    """The robot as it is, or in a simulation that is good enough for these recordings.
+
+    The numerical error is taken out of every comparison. Where it is most of a joint's gap, far
+    above the noise and a part of the motion that matters, it is an effect of its own, and the
+    model is to be simulated otherwise. That has to show at the finest timestep, too, unless hardly
+    anything is left, as of a log of another simulator: another integrator may stand in for what is
+    really missing, as a drive's damping.
+    """
+    terms = [
+        term
+        for term in candidate_terms(effects, problem.robots, problem.joints)
+        if not term.effect.fitted
+    ]
+    objective = problem.fit.objective
+    before = objective.as_it_is([nothing.case])[0][0]
+    before = np.where(np.isnan(before), np.inf, before)  # a model that diverges
+    motion = np.nanstd(objective.measured, axis=0)
+    of_position = np.array([channel.signal == "position" for channel in objective.channels])
+    least = np.maximum(_FAR_ABOVE * problem.noise, _OF_THE_MOTION * motion)
+    best = nothing
+    for term in terms:
+        structure = nothing.structure.with_term(term)
+        magnitudes = zip(*(slot.parameter.starts for slot in structure.slots), strict=True)
+        values = np.array(list(magnitudes))
+        tried = objective.as_it_is([Case(structure=structure, values=values)])[0]
+        gained = np.sqrt(np.maximum(before - tried, 0.0)) > least
+        most = (gained & (tried < _LEFT_OF_THE_GAP**2 * before) & of_position).any(axis=1)
+        nearly_all = (tried < _NEARLY_NOTHING**2 * before)[:, of_position].all(axis=1)
+        finest = values[:, 0] == values[:, 0].min()
+        right = most & (nearly_all | most[finest].any())
+        if right.any():
+            k = int(np.argmin(np.where(right, objective.score(tried), np.inf)))
+            (best,) = evaluate(problem.fit.objective, [(structure, values[k])])
+    return best

@@ -1,0 +1,156 @@
+"""Proposals: which rare effects are worth a fit on top of what is there, alone or in pairs.
+
+    for one in proposals(problem, current, slopes, effects):    # fitted to all recordings, best first
+        ...
+
+What every effect would change is seen at little cost (`signatures`); those that promise most are
+fitted together with everything that is there. A proposal decides nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.effects import Effect
+from walkerkit.gap.search.decision import LEAST_GAIN
+from walkerkit.gap.search.fit import Progress, evaluate, fit, polished
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.signatures import View, look
+from walkerkit.gap.search.slopes import Slopes, slopes_to_carry
+from walkerkit.gap.search.structure import Fit, Structure, Term, candidate_terms
+
+FloatArray = NDArray[np.float64]
+
+_BY_PROMISE, _BY_START, _PAIRS = 8, 4, 3  # that are raced
+_FEWEST = 3  # by promise, however little that is
+_POLISHED = 5  # of those raced
+_REFITS = 2
+_OF_THE_LEAST = 0.7  # of the smallest gain worth a name, which more recordings may make up
+_MORE_THAN_ONE = 0.2  # by which two together promise more than any one, summed over the channels
+_HOPE = 0.5  # of the smallest gain worth a name, which a promise may fall short of
+
+
+def proposals(
+    problem: Problem,
+    current: Fit,
+    near: Slopes | None,
+    effects: Sequence[Effect],
+    progress: Progress | None = None,
+    *,
+    pairs: bool = True,
+    always: Collection[str] = (),
+) -> list[Fit]:
+    """Fits the effects that promise most on top of a fit.
+
+    Args:
+        problem: what is to be explained.
+        current: the fit.
+        near: its slopes on all recordings that are fitted, for others to begin with.
+        effects: those that may be added.
+        progress: called now and then.
+        pairs: also two at once, which may need each other.
+        always: names of effects that are fitted whatever they promise.
+
+    Returns:
+        Fits to all recordings that are fitted, best first.
+    """
+    terms = _addable(problem, current.structure, effects)
+    if not terms:
+        return []
+    stage = f"{len(terms)} candidates beside {len(_rare(current.structure))} named"
+    if progress:
+        progress(stage, 0.0)
+    problem.searched.look_at(current.case)
+    problem.screen.refine(current)
+    problem.race.refine(current)
+    view = look(problem.screen, current, terms)
+    chosen = _chosen(problem, view, always)
+    if pairs:
+        chosen += [view.start(pair) for pair in _pairs(view)]
+    if not chosen:
+        return []
+    race = problem.race.objective
+    at_race = near if race is problem.fit.objective else slopes_to_carry(race, current)
+    (own,) = evaluate(race, [(current.structure, current.values)])
+    raced = fit(
+        race,
+        evaluate(race, chosen),
+        race=[len(structure.terms) for structure, _ in chosen],
+        near=at_race,
+        progress=progress,
+        stage=stage,
+    )
+    raced.sort(key=lambda one: one.score)
+    reach = own.score - _OF_THE_LEAST * least_gain(problem)
+    best = [one for one in raced if one.structure.terms[-1].effect.name in always]
+    best += [one for one in raced if one not in best and one.score < reach][:_POLISHED]
+    best = [one for one in best if np.isfinite(one.score)]
+    problem.refine(current)
+    if race is not problem.fit.objective:
+        best = polished(problem.fit.objective, best, near, iterations=_REFITS, certain=False)
+    return sorted(best, key=lambda one: one.score)
+
+
+def least_gain(problem: Problem) -> float:
+    """By how much of a score gaps of one joint are smaller that are worth a name."""
+    joints = [channel.joint for channel in problem.channels]
+    fewest = min(joints.count(joint) for joint in joints)
+    return LEAST_GAIN * fewest / len(joints)
+
+
+def _addable(problem: Problem, structure: Structure, effects: Sequence[Effect]) -> list[Term]:
+    """Effects that are fitted, at the places that do not have them."""
+    present = {term.effect.name: term for term in structure.terms}
+    found = []
+    for term in candidate_terms(effects, problem.robots, problem.joints):
+        known = present.get(term.effect.name)
+        if not term.effect.fitted or (known is not None and known.shared):
+            continue
+        if known is not None:
+            sites = tuple(site for site in term.sites if site not in known.sites)
+            term = replace(term, sites=sites, shared=False)
+        if term.sites:
+            found.append(term)
+    return found
+
+
+def _rare(structure: Structure) -> list[Term]:
+    return [term for term in structure.terms if not term.effect.ordinary]
+
+
+def _chosen(
+    problem: Problem, view: View, always: Collection[str]
+) -> list[tuple[Structure, FloatArray]]:
+    """Where the singles that promise most begin."""
+    able = [i for i, one in enumerate(view.candidates) if one.tries]
+    promised = {i: view.promise([i]) for i in able}
+    named = [i for i in able if view.candidates[i].term.effect.name in always]
+    least = _HOPE * least_gain(problem)
+    order = sorted(able, key=promised.__getitem__)
+    hopeful = [i for i in order if view.score - promised[i] > least]
+    by_promise = hopeful[:_BY_PROMISE] or order[:_FEWEST]
+    # A promise is a straight line, which leads astray where the model is far from the robot.
+    started = evaluate(problem.screen.objective, [view.start([i]) for i in able])
+    score = {i: one.score for i, one in zip(able, started, strict=True)}
+    by_start = [i for i in sorted(able, key=score.__getitem__) if score[i] < view.score]
+    return [view.start([i]) for i in dict.fromkeys([*named, *by_promise, *by_start[:_BY_START]])]
+
+
+def _pairs(view: View) -> list[tuple[int, int]]:
+    """The pairs that promise most, and much more than any single."""
+    able = [i for i, one in enumerate(view.candidates) if one.columns]
+    if not able:
+        return []
+    least = min(view.promise([i]) for i in able) - _MORE_THAN_ONE / view.channels
+    found = sorted(
+        (promise, pair)
+        for pair in itertools.combinations(able, 2)
+        if view.candidates[pair[0]].term.effect is not view.candidates[pair[1]].term.effect
+        and (promise := view.promise(pair)) < least
+    )
+    return [pair for _, pair in found[:_PAIRS]]

@@ -1,0 +1,135 @@
+"""Which of a fit's ordinary effects it needs: the others are dropped, by linear algebra alone.
+
+    for member in members(objective, fit, slopes, noise):
+        member.effects        # the fit with what it needs, and with each of that left out
+
+A fit has damping, dry friction, armature, gains and a delay everywhere. Which of these numbers the
+recordings want is read off its slopes: what dropping some costs when the others follow. The most
+probable set is found by dropping the cheapest again and again; what each of its effects is worth,
+by dropping that one first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.search.compare import Member
+from walkerkit.gap.search.decision import LEAST_CHANGE, TEMPERATURE
+from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.score import scored
+from walkerkit.gap.search.slopes import Slopes, posterior_equations
+from walkerkit.gap.search.structure import Fit, Slot
+
+FloatArray = NDArray[np.float64]
+_ORDER = tuple(CATALOGUE)  # the most usual first
+Unit = tuple[str, str]  # an ordinary effect and one of its places
+
+
+def members(objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray) -> list[Member]:
+    """The most probable structure within a fit, and those without each of its ordinary effects."""
+    reduction = _Reduction(objective, one, slopes, noise)
+    best = reduction.best(())
+    found = [best]
+    for name in best.effects:
+        units = [unit for unit in reduction.units if unit[0] == name]
+        if units:
+            found.append(reduction.best(units))
+    return found
+
+
+class _Reduction:
+    def __init__(self, objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray):
+        self._objective, self._fit, self._slopes, self._noise = objective, one, slopes, noise
+        every = np.arange(len(one.values))
+        self.scale = scored(objective, one, slopes, noise, every)
+        normal, _ = posterior_equations(objective, one, slopes)
+        self._covariance = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
+        self._alike = TEMPERATURE / objective.samples
+        self._away = (one.values - one.structure.zero) / one.structure.scale
+        self.units = {
+            (term.effect.name, place): one.structure.columns(term, place)
+            for term in one.structure.terms
+            if term.effect.ordinary
+            for place in term.places
+        }
+
+    def best(self, first: Sequence[Unit]) -> Member:
+        """The most probable structure that lacks some units."""
+        dropped = list(first)
+        best = self._member(dropped)
+        left = [unit for unit in self.units if unit not in dropped]
+        while left:
+            cost = [self._cost([*dropped, unit]) for unit in left]
+            # Of those that may as well go, the least usual goes first.
+            may_go = [u for u, c in zip(left, cost, strict=True) if c <= min(cost) + self._alike]
+            cheapest = max(may_go, key=self._rank)
+            left.remove(cheapest)
+            dropped.append(cheapest)
+            member = self._member(dropped)
+            if self._worth(member) >= self._worth(best) or self._changes_nothing(dropped, cheapest):
+                best = member
+        return best
+
+    def _worth(self, member: Member) -> float:
+        return float(member.scores.elpd(self.scale).sum()) / TEMPERATURE + member.log_prior
+
+    def _columns(self, units: Iterable[Unit]) -> NDArray[np.intp]:
+        return np.array([k for unit in units for k in self.units[unit]], dtype=np.intp)
+
+    def _cost(self, dropped: Sequence[Unit]) -> float:
+        """By how much the score rises, by the slopes, without some units."""
+        k = self._columns(dropped)
+        own = self._covariance[np.ix_(k, k)]
+        return 0.5 * float(self._away[k] @ np.linalg.lstsq(own, self._away[k], rcond=1e-12)[0])
+
+    def _rank(self, unit: Unit) -> int:
+        return _ORDER.index(unit[0])
+
+    def _moved(self, dropped: Sequence[Unit]) -> FloatArray:
+        """(n_parameters,) by how much values move, in scales, where some are at their zero."""
+        k = self._columns(dropped)
+        if not len(k):
+            return np.zeros(len(self._away))
+        own = self._covariance[np.ix_(k, k)]
+        follow = np.linalg.lstsq(own, self._away[k], rcond=1e-12)[0]
+        moved: FloatArray = -self._covariance[:, k] @ follow
+        moved[k] = -self._away[k]
+        return moved
+
+    def _changes_nothing(self, dropped: Sequence[Unit], last: Unit) -> bool:
+        """Whether the last of some units changes no channel by as much as is worth a name."""
+        before = self._moved([unit for unit in dropped if unit != last])
+        change = np.tensordot(self._moved(dropped) - before, self._slopes.jacobian, 1)
+        size = np.sqrt(self._objective.mean_square(change))
+        return bool((size < LEAST_CHANGE * self.scale.floor).all())
+
+    def _member(self, dropped: Sequence[Unit]) -> Member:
+        gone = self._columns(dropped)
+        kept = np.setdiff1d(np.arange(len(self._away)), gone)
+        moved = self._moved(dropped)
+        residual = self._slopes.residual + np.tensordot(moved, self._slopes.jacobian, 1)
+        return Member(
+            effects=_effects([self._fit.structure.slots[k] for k in kept]),
+            scores=scored(
+                self._objective,
+                self._fit,
+                replace(self._slopes, residual=residual),
+                self._noise,
+                kept,
+                self.scale.memory,
+            ),
+            fit=self._fit,
+            kept=kept,
+        )
+
+
+def _effects(slots: Sequence[Slot]) -> dict[str, tuple[str, ...]]:
+    found: dict[str, dict[str, None]] = {}
+    for slot in slots:
+        found.setdefault(slot.term.effect.name, {})[slot.place] = None
+    return {name: tuple(places) for name, places in found.items()}
