@@ -26,6 +26,8 @@ from walkerkit.gap.search.ground import ground
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
+from walkerkit.gap.search.reduce import members
+from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 
 FloatArray = NDArray[np.float64]
@@ -178,20 +180,34 @@ def _refitted(problem: Problem, source: Fit, structures: Sequence[Structure]) ->
 
 
 def only_needed(problem: Problem, member: Member) -> Fit:
-    """A member of the table by itself, fitted without what it does not need."""
-    source = member.fit
-    kept = {source.structure.slots[k].key[:2] for k in member.kept}
+    """A member of the table by itself, fitted without what it does not need.
+
+    What it needs is read off slopes. Fitted, it may turn out to need even less.
+    """
+    while True:
+        structure = _of_kept(member)
+        problem.refine(member.fit)
+        (found,) = _refitted(problem, member.fit, [structure])
+        problem.refine(found)
+        (found,) = _refitted(problem, found, [structure])
+        if not structure.terms:
+            return found
+        objective = problem.fit.objective
+        smaller, *_ = members(objective, found, linearised(objective, found), problem.noise)
+        if len(smaller.kept) == len(found.values):
+            return found
+        member = smaller
+
+
+def _of_kept(member: Member) -> Structure:
+    structure = member.fit.structure
+    kept = {structure.slots[k].key[:2] for k in member.kept}
     terms = []
-    for term in source.structure.terms:
+    for term in structure.terms:
         places = tuple(place for place in term.places if (term.effect.name, place) in kept)
         if places:
             terms.append(term if term.shared else replace(term, sites=places))
-    structure = Structure(tuple(terms), problem.robots)
-    problem.refine(source)
-    (found,) = _refitted(problem, source, [structure])
-    problem.refine(found)
-    (found,) = _refitted(problem, found, [structure])
-    return found
+    return Structure(tuple(terms), structure.robots)
 
 
 def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) -> Explanation:
