@@ -116,15 +116,15 @@ class Table:
         """What could be in an effect's place.
 
         Returns:
-            Of the structures that hold `CONFUSION` of the weight those without it, by the name of
-            what they have instead, most probable first.
+            Of the structures that hold `CONFUSION` of the weight those that lack nothing else of
+            the best, by the name of what they have instead, most probable first.
         """
         order = np.argsort(-self.weights, kind="stable")
         within = int(np.searchsorted(np.cumsum(self.weights[order]), CONFUSION)) + 1
         best, found = self.best, dict[str, Member]()
         for k in order[:within]:
             one = self.members[k]
-            if effect not in one.effects:
+            if best.effects.keys() - one.effects.keys() == {effect}:
                 for name in one.effects.keys() - best.effects.keys():
                     found.setdefault(name, one)
         return found

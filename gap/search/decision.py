@@ -16,7 +16,7 @@ TAILS: Final = 4.0
 # Log prior odds against an effect, in units of T: an ordinary one at a joint, a rare one, and each
 # place of a rare one.
 PRICE_ORDINARY: Final = 0.5
-PRICE_RARE: Final = 2.0
+PRICE_RARE: Final = 3.0
 PRICE_PLACE: Final = 0.5
 # The smallest gain worth a name: what an effect changes of some channel, over the noise and what
 # is left of the numerical error.

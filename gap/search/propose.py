@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 _BY_PROMISE, _BY_START, _PAIRS = 8, 4, 3  # that are raced
 _FEWEST = 3  # by promise, however little that is
-_POLISHED = 5  # of those raced
+_WARM, _RACED = 2, 5  # steps of a fit to little of the recordings, after which so many go on
 _REFITS = 2
 _OF_THE_LEAST = 0.7  # of the smallest gain worth a name, which more recordings may make up
 _MORE_THAN_ONE = 0.2  # by which two together promise more than any one, summed over the channels
@@ -74,26 +74,40 @@ def proposals(
         chosen += [view.start(pair) for pair in _pairs(view)]
     if not chosen:
         return []
-    race = problem.race.objective
-    at_race = near if race is problem.fit.objective else slopes_to_carry(race, current)
+    screen, race = problem.screen.objective, problem.race.objective
+    starts = fit(
+        screen,
+        evaluate(screen, chosen),
+        iterations=_WARM,
+        near=slopes_to_carry(screen, current),
+        progress=progress,
+        stage=stage,
+    )
+    starts.sort(key=lambda one: one.score)
+    starts = [*_of(starts, always), *(one for one in starts if one not in _of(starts, always))]
+    chosen = [(one.structure, one.values) for one in starts[: max(_RACED, len(always))]]
     (own,) = evaluate(race, [(current.structure, current.values)])
     raced = fit(
         race,
         evaluate(race, chosen),
         race=[len(structure.terms) for structure, _ in chosen],
-        near=at_race,
+        near=near if race is problem.fit.objective else slopes_to_carry(race, current),
         progress=progress,
         stage=stage,
     )
     raced.sort(key=lambda one: one.score)
     reach = own.score - _OF_THE_LEAST * least_gain(problem)
-    best = [one for one in raced if one.structure.terms[-1].effect.name in always]
-    best += [one for one in raced if one not in best and one.score < reach][:_POLISHED]
+    best = _of(raced, always)
+    best += [one for one in raced if one not in best and one.score < reach]
     best = [one for one in best if np.isfinite(one.score)]
     problem.refine(current)
     if race is not problem.fit.objective:
         best = polished(problem.fit.objective, best, near, iterations=_REFITS, certain=False)
     return sorted(best, key=lambda one: one.score)
+
+
+def _of(fits: Sequence[Fit], names: Collection[str]) -> list[Fit]:
+    return [one for one in fits if one.structure.terms[-1].effect.name in names]
 
 
 def least_gain(problem: Problem) -> float:
