@@ -34,15 +34,22 @@ def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
     Returns:
         Fitted and held-out recordings, each per experiment, in parts where a log has holes.
     """
-    everything = [r for experiment in experiments for r in experiment.recordings]
-    declared = {name for experiment in experiments for name in experiment.held_out}
-    if not declared and len(everything) < _EVERY:
+    held = held_out_names(experiments)
+    if not held:
         return split_in_time(experiments)
-    held = declared or {r.name for r in everything[_EVERY - 1 :: _EVERY]}
     return (
         tuple(_unbroken(r for r in e.recordings if r.name not in held) for e in experiments),
         tuple(_unbroken(r for r in e.recordings if r.name in held) for e in experiments),
     )
+
+
+def held_out_names(experiments: Sequence[Experiment]) -> frozenset[str]:
+    """Names of the whole recordings that are held out; none where blocks of time are."""
+    everything = [r.name for experiment in experiments for r in experiment.recordings]
+    declared = frozenset(name for experiment in experiments for name in experiment.held_out)
+    if declared or len(everything) < _EVERY:
+        return declared
+    return frozenset(everything[_EVERY - 1 :: _EVERY])
 
 
 def split_in_time(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:

@@ -23,7 +23,7 @@ from walkerkit.gap.report.gaps import Gap, GapMap, GapSize, Location
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["explained", "partly_explained", "no_gap", "unexplained"]
-SCHEMA = 1
+SCHEMA = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,6 +198,8 @@ class Diagnosis:
         maps: where the gap of each signal lives, before and after; not in the JSON.
         hints: stopgaps for what remains.
         wiring: errors of wiring that were mended in the recordings before all else.
+        unknown: the weight of structures with an effort that the catalogue cannot name; None where
+            it is not known.
     """
 
     verdict: Verdict
@@ -218,13 +220,15 @@ class Diagnosis:
     obstacle: str = ""
     hints: tuple[Hint, ...] = ()
     wiring: tuple[WiringError, ...] = ()
+    unknown: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of diagnosis.json, schema 1."""
+        """The content of diagnosis.json, schema 2."""
         gap = self.gap
         return {
             "schema": SCHEMA,
             "verdict": self.verdict,
+            "unknown": self.unknown,
             **({"wiring": [_wiring(error) for error in self.wiring]} if self.wiring else {}),
             "gap": {
                 "unit": gap.position.unit,

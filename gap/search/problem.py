@@ -193,9 +193,11 @@ def build(
         if any(r.signal(joint, signal) is not None for r in everything)
     ) + base_channels(everything)
     scored = tuple(channel for channel in channels if channel.quantity in _SCORED)
-    floor = np.array([channel_noise(everything, channel).std for channel in scored])
+    # Nothing of what is held out reaches what is fitted, not even its noise or its range.
+    seen = [r for group in fitted for r in group]
+    floor = np.array([channel_noise(seen, channel).std for channel in scored])
     sized = [
-        replace(robot, excursions=excursions(robot, [*fit, *held], joints))
+        replace(robot, excursions=excursions(robot, fit or held, joints))
         for robot, fit, held in zip(robots, fitted, held_out, strict=True)
     ]
 

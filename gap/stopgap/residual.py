@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +80,10 @@ class ResidualEffort:
 
 
 def residual_effort(
-    problem: Problem, robots: Sequence[Robot], joints: Sequence[str]
+    problem: Problem,
+    robots: Sequence[Robot],
+    joints: Sequence[str],
+    halves: Sequence[Literal["fit", "held"]] = ("fit", "held"),
 ) -> ResidualEffort | None:
     """Measures the effort that robots lack.
 
@@ -87,6 +91,7 @@ def residual_effort(
         problem: the recordings, and how they are replayed.
         robots: the robots, one for each of the problem's.
         joints: where to look; efforts of other joints are taken to be right.
+        halves: recordings that are looked at: those that are fitted, those that are held out.
 
     Returns:
         The windows of all recordings that have these joints, or None where there are none.
@@ -94,7 +99,8 @@ def residual_effort(
     parts: list[dict[str, FloatArray]] = []
     blocks = 0
     finer = [robot.refined(_FINER) for robot in robots]
-    for held_out, half in ((0.0, problem.fit), (1.0, problem.held)):
+    for name in halves:
+        half, held_out = (problem.fit, 0.0) if name == "fit" else (problem.held, 1.0)
         recordings = [
             (robot, recording)
             for robot, mine in zip(finer, half.recordings, strict=True)
