@@ -22,7 +22,7 @@ PRICE_PLACE: Final = 0.5
 # is left of the numerical error.
 LEAST_CHANGE: Final = 0.5
 # And by how much the gaps of some joint are smaller with it, as the log of their ratio.
-LEAST_GAIN: Final = 0.1
+LEAST_GAIN: Final = 0.05
 # Standard errors between a number and where it changes nothing, from which on it is known.
 KNOWN: Final = 2.0
 # The posterior weight from which on an effect is in the mended model and is told as a finding.
