@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import at_bound
-from walkerkit.gap.search.compare import Member, Table
-from walkerkit.gap.search.decision import KNOWN, LEAST_CHANGE, LEAST_GAIN, TEMPERATURE
+from walkerkit.gap.search.compare import Member, Table, is_worth_a_name
+from walkerkit.gap.search.decision import KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes, posterior_equations
@@ -124,26 +124,7 @@ class Book:
         if not plain:
             return True
         table = Table(tuple(plain))
-        return _gains(self._problem, table.best, one)
-
-
-def _gains(problem: Problem, before: Member, after: Member) -> bool:
-    """Whether gaps of some joint are smaller by what is worth a name, in all or in most blocks."""
-    joints = [channel.joint for channel in problem.channels]
-    count, floor = before.scores.count, before.scores.floor**2
-    old, new = (one.scores.squares for one in (before, after))
-    explained = np.sqrt(np.maximum(before.scores.size**2 - after.scores.size**2, 0))
-    if not (explained >= LEAST_CHANGE * before.scores.floor).any():
-        return False
-    measured = np.maximum(count, 1)
-    of_blocks = 0.5 * np.log((old / measured + floor) / (new / measured + floor))
-    typical = np.sum(of_blocks * (count > 0), axis=0) / np.maximum((count > 0).sum(axis=0), 1)
-    in_all = 0.5 * np.log((before.scores.size**2 + floor) / (after.scores.size**2 + floor))
-    return any(
-        float(gain[[j == joint for j in joints]].mean()) >= LEAST_GAIN
-        for joint in dict.fromkeys(joints)
-        for gain in (typical, in_all)
-    )
+        return is_worth_a_name(table.best, one, [c.joint for c in self._problem.channels])
 
 
 def _estimated(problem: Problem, one: Fit, slopes: Slopes) -> bool:

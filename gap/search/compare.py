@@ -12,7 +12,7 @@ of Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 2018.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.decision import (
     CONFUSION,
+    LEAST_CHANGE,
+    LEAST_GAIN,
     PRICE_ORDINARY,
     PRICE_PLACE,
     PRICE_RARE,
@@ -144,6 +146,33 @@ class Table:
             }
         )
         return table.sort_values("weight", ascending=False, kind="stable", ignore_index=True)
+
+
+def is_worth_a_name(before: Member, after: Member, joints: Sequence[str]) -> bool:
+    """Whether a structure leaves gaps of some joint that are smaller by what is worth a name.
+
+    Over all blocks, or in the typical one: a few wild blocks hold most of a root mean square.
+
+    Args:
+        before: the structure without what is to be named.
+        after: that with it.
+        joints: (n_scored,) joint of each channel.
+    """
+    count, floor = before.scores.count, before.scores.floor**2
+    explained = np.sqrt(np.maximum(before.scores.size**2 - after.scores.size**2, 0))
+    if not (explained >= LEAST_CHANGE * before.scores.floor).any():
+        return False
+    measured = np.maximum(count, 1)
+    old, new = (one.scores.squares / measured + floor for one in (before, after))
+    blocks = np.maximum((count > 0).sum(axis=0), 1)
+    typical = np.sum(0.5 * np.log(old / new) * (count > 0), axis=0) / blocks
+    old, new = (one.scores.size**2 + floor for one in (before, after))
+    in_all = 0.5 * np.log(old / new)
+    return any(
+        float(gain[[j == joint for j in joints]].mean()) >= LEAST_GAIN
+        for joint in dict.fromkeys(joints)
+        for gain in (typical, in_all)
+    )
 
 
 def described(effects: Places) -> str:

@@ -18,6 +18,8 @@ TAILS: Final = 4.0
 PRICE_ORDINARY: Final = 0.5
 PRICE_RARE: Final = 3.0
 PRICE_PLACE: Final = 0.5
+# And against a free effort: what can follow anything says little by following.
+PRICE_UNKNOWN: Final = 8.0
 # The smallest gain worth a name: what an effect changes of some channel, over the noise and what
 # is left of the numerical error.
 LEAST_CHANGE: Final = 0.5

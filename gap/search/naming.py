@@ -102,7 +102,7 @@ def name_effects(
     book = Book(problem)
     nothing = as_simulated_well(problem, effects, given)
     problem.refine(nothing)
-    book.add(nothing)
+    nothing = book.add(nothing)
     if not effects or leaves_nothing(problem, nothing):
         return _explanation(problem, book, nothing, searched=False)
     current = ground(problem, effects, nothing, progress)
@@ -113,7 +113,7 @@ def name_effects(
     current = _grown(problem, book, rare, current, progress)
     for _ in range(_EXCHANGES):
         _exchange(problem, book, rare, current, progress)
-        if book.best.fit is current:
+        if book.best.fit.structure.key == current.structure.key:
             break
         current = _grown(problem, book, rare, book.best.fit, progress)
     return _explanation(problem, book, only_needed(problem, book.best), searched=True, plain=plain)
@@ -127,7 +127,7 @@ def _grown(
         for one in proposals(problem, current, book.slopes(current), rare, progress):
             book.add(one, beside=current)
         best = book.best.fit
-        if best is current:
+        if len(_rare(best)) <= len(_rare(current)):
             break
         current = _at_needed_places(problem, book, best)
     return current

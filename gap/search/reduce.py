@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.search.compare import Member
-from walkerkit.gap.search.decision import LEAST_CHANGE, TEMPERATURE
+from walkerkit.gap.search.compare import Member, is_worth_a_name
+from walkerkit.gap.search.decision import TEMPERATURE
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.score import scored
 from walkerkit.gap.search.slopes import Slopes, posterior_equations
@@ -49,6 +49,7 @@ class _Reduction:
         self.scale = scored(objective, one, slopes, noise, every)
         normal, _ = posterior_equations(objective, one, slopes)
         self._covariance = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
+        self._joints = [channel.joint for channel in objective.channels]
         self._alike = TEMPERATURE / objective.samples
         self._away = (one.values - one.structure.zero) / one.structure.scale
         self.units = {
@@ -61,7 +62,7 @@ class _Reduction:
     def best(self, first: Sequence[Unit]) -> Member:
         """The most probable structure that lacks some units."""
         dropped = list(first)
-        best = self._member(dropped)
+        best = most = self._member(dropped)
         left = [unit for unit in self.units if unit not in dropped]
         while left:
             cost = [self._cost([*dropped, unit]) for unit in left]
@@ -71,7 +72,9 @@ class _Reduction:
             left.remove(cheapest)
             dropped.append(cheapest)
             member = self._member(dropped)
-            if self._worth(member) >= self._worth(best) or self._changes_nothing(dropped, cheapest):
+            if self._worth(member) >= self._worth(most):
+                best = most = member
+            elif not is_worth_a_name(member, most, self._joints):
                 best = member
         return best
 
@@ -100,13 +103,6 @@ class _Reduction:
         moved: FloatArray = -self._covariance[:, k] @ follow
         moved[k] = -self._away[k]
         return moved
-
-    def _changes_nothing(self, dropped: Sequence[Unit], last: Unit) -> bool:
-        """Whether the last of some units changes no channel by as much as is worth a name."""
-        before = self._moved([unit for unit in dropped if unit != last])
-        change = np.tensordot(self._moved(dropped) - before, self._slopes.jacobian, 1)
-        size = np.sqrt(self._objective.mean_square(change))
-        return bool((size < LEAST_CHANGE * self.scale.floor).all())
 
     def _member(self, dropped: Sequence[Unit]) -> Member:
         gone = self._columns(dropped)

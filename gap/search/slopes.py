@@ -138,6 +138,9 @@ def linearised_each(
 
 def near_slopes(objective: Objective, near: Slopes, starts: Sequence[Fit]) -> Iterator[Slopes]:
     """Slopes to begin with: those of another fit for the numbers that it has, others simulated."""
+    if not len(near.jacobian):
+        yield from linearised_each([objective] * len(starts), starts)
+        return
     places = [found_in(start.structure, near.structure) for start in starts]
     own = [np.flatnonzero(place < 0) for place in places]
     for start, place, slopes in zip(

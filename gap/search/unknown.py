@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from walkerkit.gap.search.decision import PRICE_PLACE, PRICE_RARE, TAILS, TEMPERATURE
+from walkerkit.gap.search.decision import (
+    PRICE_PLACE,
+    PRICE_RARE,
+    PRICE_UNKNOWN,
+    TAILS,
+    TEMPERATURE,
+)
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.stopgap.residual import ResidualEffort, residual_effort
@@ -79,7 +85,7 @@ def unknown_weight(
     for blocks in gains:
         drawn = rng.dirichlet(np.ones(len(blocks)), size=_DRAWS) * len(blocks)
         total += drawn @ blocks
-    free = PRICE_RARE + PRICE_PLACE * len(gains)
+    free = PRICE_UNKNOWN
     own = PRICE_RARE * rare + PRICE_PLACE * places
     logs = total / TEMPERATURE - np.array([own, own + free, free])
     logs -= logs.max(axis=1, keepdims=True)

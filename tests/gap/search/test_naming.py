@@ -1,11 +1,10 @@
-"""Forward selection on small problems: what is named, where, and what is dropped again."""
+"""Naming on small problems: what is named, where, how surely, and what is dropped again."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,15 +14,9 @@ from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
-from walkerkit.gap.search import keeping, naming, trying
-from walkerkit.gap.search.contest import contests
-from walkerkit.gap.search.evidence import Evidence, weigh, weigh_as_told
-from walkerkit.gap.search.fit import evaluate, fit
-from walkerkit.gap.search.naming import Round, name_effects
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.naming import Explanation, name_effects
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Fit, Structure, candidate_terms
-from walkerkit.gap.search.trying import Tries
-from walkerkit.gap.search.worth import worth_it
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY
 
@@ -114,13 +107,13 @@ def hide(effect: str, *joints: str, **values: float) -> HiddenEffect:
     )
 
 
-def search(problem: Problem, *effects: str) -> tuple[Round, ...]:
+def search(problem: Problem, *effects: str) -> Explanation:
     return name_effects(problem, [CATALOGUE[name] for name in effects])
 
 
-def found(rounds: Sequence[Round]) -> dict[str, dict[str, float]]:
+def found(explanation: Explanation) -> dict[str, dict[str, float]]:
     """Effect to place to the value of its first parameter, of the final fit."""
-    fit = rounds[-1].fit
+    fit = explanation.fit
     slots = zip(fit.structure.slots, fit.values.tolist(), strict=True)
     named: dict[str, dict[str, float]] = {}
     for slot, value in slots:
@@ -131,51 +124,35 @@ def found(rounds: Sequence[Round]) -> dict[str, dict[str, float]]:
 # Where to stop
 
 
-def test_without_effects_there_is_one_empty_round(problem: Make) -> None:
-    (only,) = search(problem(hide("torque_bias", "knee", bias=0.3)))
-    assert (only.candidates, only.named, only.fit.structure.terms) == ((), None, ())
+def test_without_effects_nothing_is_searched(problem: Make) -> None:
+    explanation = search(problem(hide("torque_bias", "knee", bias=0.3)))
+    assert (explanation.searched, explanation.named, found(explanation)) == (False, (), {})
 
 
 def test_nothing_is_named_where_nothing_is_hidden(problem: Make) -> None:
-    (only,) = search(problem(), *PLAIN)
-    assert (only.named, only.fit.structure.terms) == (None, ())
-
-
-def test_at_the_floor_nothing_is_even_tried(problem: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(keeping, "_AT_FLOOR", 1e9)
-    (only,) = search(problem(hide("torque_bias", "knee", bias=0.3)), *PLAIN)
-    assert (only.candidates, only.named, only.fit.structure.terms) == ((), None, ())
+    assert found(search(problem(), *PLAIN)) == {}
 
 
 def test_effects_that_do_not_help_are_tried_and_lose(problem: Make) -> None:
-    (only,) = search(problem(hide("torque_bias", "knee", bias=0.3)), "armature")
-    assert [one.term.effect.name for one in only.candidates] == ["armature"]
-    assert only.named is None
-    assert only.fit.structure.terms == ()
-    assert only.candidates[0].gain < 0.04
-    assert not only.candidates[0].close
-
-
-def test_never_more_than_so_many_rounds(problem: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trying, "MOST_EFFECTS", 1)
-    both = hide("torque_bias", "knee", bias=0.3), hide("sensor_delay", "*", delay=0.01)
-    rounds = search(problem(*both), "torque_bias", "sensor_delay")
-    assert [one.named is not None for one in rounds] == [True, False]
-    assert rounds[-1].candidates == ()
+    explanation = search(problem(hide("torque_bias", "knee", bias=0.3)), "quadratic_drag")
+    assert explanation.searched
+    assert found(explanation) == {}
+    assert all(gain < 0.05 for gain in explanation.gains.values())
 
 
 # What is named, and where
 
 
-def test_the_named_effect_leads_its_round(problem: Make) -> None:
-    rounds = search(problem(hide("torque_bias", "knee", bias=0.3)), "payload", "torque_bias")
-    first = rounds[0].candidates
-    assert rounds[0].named is not None
-    assert first[0].term.effect is rounds[0].named.effect is CATALOGUE["torque_bias"]
-    assert first[0].gain > first[1].gain
-    assert [one.close for one in first] == [False, False]
-    assert rounds[0].confidence > 0.95
-    assert rounds[-1].named is None
+def test_what_is_named_is_sure_and_told_with_what_else_was_tried(problem: Make) -> None:
+    explanation = search(problem(hide("torque_bias", "knee", bias=0.3)), "payload", "torque_bias")
+    (only,) = explanation.named
+    assert only.term.effect is CATALOGUE["torque_bias"]
+    assert only.confidence > 0.95
+    assert only.exchanges == {}
+    frame = explanation.table.frame()
+    assert frame.structure[0] == "torque_bias (knee)"
+    assert frame.weight.sum() == pytest.approx(1)
+    assert frame.difference[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -199,22 +176,51 @@ def test_an_effect_stays_at_the_joints_that_need_it(
 @pytest.mark.parametrize(
     ("hidden", "expected"),
     [
+        (hide("viscous_friction", "ankle", damping=0.2), {"viscous_friction": {"ankle": 0.2}}),
+        (
+            hide("coulomb_friction", "knee", frictionloss=0.3),
+            {"coulomb_friction": {"knee": 0.3}},
+        ),
+        (hide("position_gain", "knee", delta_kp=6.0), {"position_gain": {"knee": 6.0}}),
+    ],
+    ids=["damping", "dry friction", "gain"],
+)
+def test_of_the_ground_only_what_is_needed_is_named(
+    problem: Make, hidden: HiddenEffect, expected: dict[str, dict[str, float]]
+) -> None:
+    explanation = search(problem(hidden), *PLAIN)
+    assert {name: pytest.approx(values, rel=0.1) for name, values in expected.items()} == found(
+        explanation
+    )
+    assert explanation.named[0].confidence > 0.9
+
+
+def test_a_rare_effect_is_judged_on_top_of_what_is_wrong_everywhere(problem: Make) -> None:
+    hidden = (
+        hide("viscous_friction", "*", damping=0.08),
+        hide("armature", "*", armature=0.003),
+        hide("coulomb_friction", "*", frictionloss=0.05),
+        hide("torque_bias", "knee", bias=0.4),
+    )
+    explanation = search(problem(*hidden), *PLAIN)
+    rare = [one.term for one in explanation.named if not one.term.effect.ordinary]
+    assert [(term.effect.name, term.sites) for term in rare] == [("torque_bias", ("knee",))]
+    assert found(explanation)["torque_bias"] == {"knee": pytest.approx(0.4, rel=0.1)}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "expected"),
+    [
         (hide("sensor_delay", "*", delay=0.01), {"*": 0.01}),
         (hide("sensor_delay", "ankle", delay=0.01), {"ankle": 0.01}),
-        (
-            hide("sensor_delay", "knee", "ankle", knee__delay=0.004, ankle__delay=0.012),
-            {"knee": 0.004, "ankle": 0.012},
-        ),
     ],
-    ids=["shared", "one joint", "two delays"],
+    ids=["shared", "one joint"],
 )
 def test_a_delay_is_shared_only_where_all_joints_have_it(
     problem: Make, hidden: HiddenEffect, expected: dict[str, float]
 ) -> None:
-    rounds = search(problem(hidden), "sensor_delay")
-    assert found(rounds) == {"sensor_delay": pytest.approx(expected, rel=0.1)}
-    # One value and one each are two ways to try one effect.
-    assert [one.term.effect.name for one in rounds[0].candidates] == ["sensor_delay"]
+    named = found(search(problem(hidden), "sensor_delay"))
+    assert named == {"sensor_delay": pytest.approx(expected, rel=0.1)}
 
 
 def test_a_payload_stays_on_the_body_that_carries_it(problem: Make) -> None:
@@ -223,188 +229,67 @@ def test_a_payload_stays_on_the_body_that_carries_it(problem: Make) -> None:
     assert named == {"payload": {"shin": pytest.approx(0.15, rel=0.1)}}
 
 
-def test_a_gear_that_loses_by_its_load_may_lose_by_its_direction(problem: Make) -> None:
-    gear = hide("directional_efficiency", "knee", driving=0.75, backdriving=1.25)
-    rounds = search(problem(gear), "load_dependent_friction", "directional_efficiency")
-    assert set(found(rounds)) == {"load_dependent_friction"}
-    close = [one.term.effect.name for one in rounds[0].candidates if one.close]
-    assert close == ["directional_efficiency"]
-
-
 def test_the_usual_cause_of_two_that_are_alike_is_named(problem: Make) -> None:
     leg = problem(hide("viscous_friction", "knee", damping=0.1), signals=Q_ONLY)
-    both = [CATALOGUE["velocity_gain"], CATALOGUE["viscous_friction"]]
-    rare, usual = both
-    (nothing,) = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
-    # However little the usual one promised.
-    tries = Tries(leg, both, None)
-    (gain,) = tries.each_on_top_of(nothing, [rare])
-    tries.like = lambda others, effect: frozenset({rare.name})  # type: ignore[method-assign]
-    (met,) = contests(leg, tries, gain)
-    assert [one.structure.terms[-1].effect for one in met.fits] == [rare, usual]
-    assert [one.fit.structure.terms[-1].effect for one in met.better] == [usual]
-    # And never the other way round.
-    (damping,) = tries.each_on_top_of(nothing, [usual])
-    (met,) = contests(leg, Tries(leg, both, None), damping)
-    assert met.better == ()
+    explanation = search(leg, "velocity_gain", "viscous_friction")
+    (only,) = explanation.named
+    assert only.term.effect.name == "viscous_friction"
+    # No log of positions parts the two, so that they count as one.
+    assert only.confidence > 0.9
+    assert list(only.equivalent) == ["velocity_gain"]
+    assert "velocity_gain" in only.exchanges
 
 
 def test_a_plainer_effect_is_named_where_a_wider_one_is_no_better(problem: Make) -> None:
     leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
-    effects = [CATALOGUE["coulomb_friction"], CATALOGUE["stribeck_friction"]]
-    (nothing,) = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
-    tries = Tries(leg, effects, None)
-    (wide,) = tries.each_on_top_of(nothing, effects[1:])
-    (met,) = contests(leg, tries, wide)
-    assert met.better[0].fit.structure.terms[0].effect is effects[0]
+    assert set(found(search(leg, "stribeck_friction", "coulomb_friction"))) == {"coulomb_friction"}
 
 
-def test_many_numbers_that_are_a_little_wrong_are_no_rarer_effect(problem: Make) -> None:
-    hidden = (
-        hide("viscous_friction", "*", damping=0.02),
-        hide("armature", "*", armature=0.001),
-        hide("coulomb_friction", "*", frictionloss=0.01),
-    )
-    usual = ("viscous_friction", "armature", "coulomb_friction")
-    rare = ("velocity_gain", "command_delay", "sensor_delay", "quadratic_drag", "position_gain")
-    named = found(search(problem(*hidden, signals=Q_ONLY), *rare, *usual))
-    assert named
-    assert set(named) <= set(usual)
-
-
-def test_who_wins_a_round_is_judged_by_its_own_numerical_error(
-    problem: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
-    judged: list[str] = []
-
-    def finalists(problem: Problem, fits: Sequence[Fit]) -> list[tuple[Fit, Evidence]]:
-        ((found, evidence),) = keeping.finalists(problem, fits)
-        judged.append(found.structure.terms[-1].effect.name)
-        if len(judged) == 1:  # as if its own error hid all that it explains
-            evidence = weigh(problem, [replace(found, values=found.structure.zero)])
-        return [(found, evidence)]
-
-    def best(fits: Sequence[Fit], evidence: Evidence) -> list[int]:
-        return [int(np.argmin(evidence.both[1:]))][: len(fits)]
-
-    monkeypatch.setattr(naming, "finalists", finalists)
-    monkeypatch.setattr(naming, "_could_win", best)
-    search(leg, "coulomb_friction", "asymmetric_friction")
-    assert sorted(judged[:2]) == ["asymmetric_friction", "coulomb_friction"]
-
-
-@pytest.mark.parametrize("ahead", [0, 2])
-def test_two_effects_that_are_worth_it_only_together_are_found(
-    problem: Make, monkeypatch: pytest.MonkeyPatch, ahead: int
-) -> None:
-    """By what one of them makes of the recordings that are fitted, where no pair is promised."""
-    leg = problem(
-        hide("viscous_friction", "knee", damping=0.2), hide("torque_bias", "ankle", bias=0.4)
-    )
-
-    def not_alone(*compared: Any, effects: int = 1) -> bool:
-        return effects > 1 and worth_it(*compared, effects=effects)
-
-    monkeypatch.setattr(naming, "worth_it", not_alone)
-    monkeypatch.setattr(trying, "_MOST_PAIRS", 0)
-    monkeypatch.setattr(naming, "_MOST_AHEAD", ahead)
-    named = found(search(leg, "viscous_friction", "torque_bias", "armature"))
-    assert set(named) == ({"viscous_friction", "torque_bias"} if ahead else set())
-
-
-def test_finalists_are_fitted_as_each_is_alone(problem: Make) -> None:
-    leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
-    names = ("coulomb_friction", "viscous_friction", "quadratic_drag")
-    effects = [CATALOGUE[name] for name in names]
-    (nothing,) = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
-    fits = Tries(leg, effects, None).each_on_top_of(nothing, effects)
-    assert len(fits) >= len(names)
-    together = keeping.finalists(leg, fits[:3])
-    for one, (found, evidence) in zip(fits, together, strict=False):
-        ((alone, own),) = keeping.finalists(leg, [one])
-        np.testing.assert_allclose(found.values, alone.values, rtol=1e-9)
-        np.testing.assert_allclose(evidence.both, own.both, rtol=1e-9)
-
-
-def test_an_effect_that_stood_in_for_others_leaves_again(problem: Make) -> None:
+def test_two_effects_are_found_together(problem: Make) -> None:
     hidden = (
         hide("coulomb_friction", "knee", frictionloss=0.3),
         hide("command_delay", "*", delay=0.012),
     )
-    rounds = search(problem(*hidden), "velocity_gain", "coulomb_friction", "command_delay")
-    assert set(found(rounds)) == {"coulomb_friction", "command_delay"}
-    terms = [term.effect.name for term in rounds[-1].fit.structure.terms]
-    assert len(terms) == len(set(terms))
-
-
-def test_what_only_the_fitted_recordings_show_stays(tmp_path: Path) -> None:
-    model = tmp_path / "leg.xml"
-    model.write_text(LEG)
-    time, room = np.arange(0.0, SECONDS, 1 / RATE), np.array([0.6, 0.5])
-    rng = np.random.default_rng(0)
-    moving = [
-        BATTERY[name](time, lower=-room, upper=room, rng=rng, max_velocity=6.0)
-        for name in ("multisine", "chirp")
-    ]
-    hidden = [
-        hide("torque_bias", "knee", bias=0.5),
-        hide("viscous_friction", "*", damping=0.3),
-    ]
-    logs = run_hardware(
-        model, [*moving, np.zeros_like(moving[0])], rate=RATE, hidden=hidden, seed=1
-    )
-    given = load_experiments(model, logs, held_out=logs[2:])
-    leg = prepare(given, window=0.5, n_threads=1).problem("zero_order")
-    effects = [CATALOGUE[name] for name in ("viscous_friction", "torque_bias")]
-    terms = candidate_terms(effects, leg.robots, leg.joints)
-    structure = Structure(terms, leg.robots)
-    both = fit(leg.fit.objective, evaluate(leg.fit.objective, [(structure, structure.zero)]))
-    found = keeping.kept(leg, both[0], [], effects)
-    assert [term.effect for term in found.structure.terms] == effects
-
-
-def test_effects_that_can_do_the_same_become_what_one_of_them_generalises(problem: Make) -> None:
-    hidden = (
-        hide("torque_bias", "knee", bias=0.3),
-        hide("coulomb_friction", "knee", frictionloss=0.15),
-    )
-    leg = problem(*hidden)
-    alike = [CATALOGUE[name] for name in ("torque_bias", "asymmetric_friction")]
-    terms = [
-        replace(term, sites=("knee",)) for term in candidate_terms(alike, leg.robots, leg.joints)
-    ]
-    structure = Structure(tuple(terms), leg.robots)
-    # The bias is 0.3 and the friction 0.15, or 0.25 and 0.2 one way and 0.1 the other, and so on.
-    (either,) = evaluate(leg.fit.objective, [(structure, np.array([0.25, 0.1, 0.2]))])
-    plain = CATALOGUE["coulomb_friction"]
-    kept = keeping.kept(leg, either, [], [*alike, plain])
-    assert [term.effect for term in kept.structure.terms] == [alike[0], plain]
-    np.testing.assert_allclose(kept.values, [0.3, 0.15], rtol=0.1)
-    # Nobody may name what is not in the catalogue.
-    kept = keeping.kept(leg, either, [], alike)
-    assert {term.effect for term in kept.structure.terms} <= set(alike)
-
-
-def test_what_whole_rollouts_say_is_the_gap_that_is_told(problem: Make) -> None:
-    leg = problem(hide("torque_bias", "ankle", bias=0.2))
-    nothing = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
-    told = weigh_as_told(leg, nothing)
-    np.testing.assert_allclose(told.mean_square[0], leg.told.as_it_is([nothing[0].case])[0][0])
-    np.testing.assert_array_equal(told.both, told.held)
+    explanation = search(problem(*hidden), "velocity_gain", "coulomb_friction", "command_delay")
+    assert set(found(explanation)) == {"coulomb_friction", "command_delay"}
 
 
 def test_the_same_problem_gives_the_same_answer_twice(problem: Make) -> None:
     leg = problem(hide("torque_bias", "ankle", bias=0.2))
     once, again = (search(leg, "payload", "torque_bias") for _ in range(2))
-    np.testing.assert_array_equal(once[-1].fit.values, again[-1].fit.values)
-    assert [one.confidence for one in once] == [one.confidence for one in again]
+    np.testing.assert_array_equal(once.fit.values, again.fit.values)
+    assert [one.confidence for one in once.named] == [one.confidence for one in again.named]
+
+
+def test_nothing_of_what_is_held_out_reaches_what_is_named(tmp_path: Path) -> None:
+    model = tmp_path / "leg.xml"
+    model.write_text(LEG)
+    logs = recorded(model, [hide("torque_bias", "knee", bias=0.3)])
+    rng = np.random.default_rng(3)
+    garbled = {
+        name: column if name.endswith("target") else column + 0.05 * rng.normal(size=column.shape)
+        for name, column in logs[2].columns.items()
+    }
+
+    def answer(held_out: Recording) -> tuple[object, ...]:
+        given = load_experiments(model, [*logs[:2], held_out], held_out=[held_out])
+        leg = prepare(given, window=0.5, n_threads=1).problem("zero_order")
+        explanation = search(leg, "torque_bias", "payload", "viscous_friction", "armature")
+        return (
+            explanation.fit.structure.key,
+            explanation.fit.values.tobytes(),
+            [one.confidence for one in explanation.named],
+            explanation.unknown,
+        )
+
+    assert answer(logs[2]) == answer(replace(logs[2], columns=garbled))
 
 
 def test_progress_is_told(problem: Make) -> None:
     told: list[tuple[str, float]] = []
     leg = problem(hide("torque_bias", "ankle", bias=0.2))
-    name_effects(leg, [CATALOGUE["torque_bias"]], lambda *what: told.append(what))
-    assert told[0] == ("effect 1: screening 1 candidates", 0.0)
-    assert {stage for stage, _ in told} >= {"effect 1: fitting 1 candidates"}
+    effects = [CATALOGUE["torque_bias"], CATALOGUE["armature"]]
+    name_effects(leg, effects, lambda *what: told.append(what))
+    assert told[0] == ("ordinary effects", 0.0)
+    assert {stage for stage, _ in told} >= {"1 candidates beside 0 named"}
     assert all(0 <= done <= 1 for _, done in told)
