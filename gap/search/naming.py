@@ -28,7 +28,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.slopes import linearised
-from walkerkit.gap.search.structure import Fit, Structure, Term, carried
+from walkerkit.gap.search.structure import Fit, Structure, Term, carried, merged
 from walkerkit.gap.search.unknown import Unknown, unknown_weight
 from walkerkit.gap.simulation.mend import mend
 
@@ -213,7 +213,7 @@ def _of_kept(member: Member) -> Structure:
         places = tuple(place for place in term.places if (term.effect.name, place) in kept)
         if places:
             terms.append(term if term.shared else replace(term, sites=places))
-    return Structure(tuple(terms), structure.robots)
+    return merged(Structure(tuple(terms), structure.robots))
 
 
 def _explanation(

@@ -291,7 +291,9 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     slopes = linearised(objective, current)
     felt = slopes.jacobian[np.square(slopes.jacobian).sum(axis=(1, 2)) > 0]
     nuisance = np.concatenate([felt, objective.numerical.changes])
-    hopeful = _hopeful(objective, current, simulated, slopes.residual, terms, _MOST_HOPEFUL)
+    follow = _followers(felt)
+    left = _without(follow, slopes.residual[None].astype(np.float32))[0]
+    hopeful = _hopeful(objective, current, simulated, left, follow, terms, _MOST_HOPEFUL)
     found = _simulate(objective, current, simulated, hopeful)
     view = View(objective, current, simulated, nuisance, found)
     best = view.channels * (view.score - min(view.promise([i]) for i in range(len(terms))))
@@ -299,14 +301,15 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     apart = [
         replace(term, shared=False)
         for term, one in zip(terms, found, strict=True)
-        if term.shared and _promise_apart(objective, simulated, one.changes) > least
+        if term.shared
+        and _promise_apart(objective, left, _without(follow, one.changes)) > least
     ]
-    hopeful = _hopeful(objective, current, simulated, slopes.residual, apart, _MOST_APART)
+    hopeful = _hopeful(objective, current, simulated, left, follow, apart, _MOST_APART)
     view.extend(_simulate(objective, current, simulated, hopeful))
     return view
 
 
-def _promise_apart(objective: Objective, residual: FloatArray, changes: Single) -> float:
+def _promise_apart(objective: Objective, residual: Single, changes: Single) -> float:
     """What a change of all joints takes off the score, by another multiple in every channel."""
     return float(max(_promises(objective, residual, changes).sum(axis=1), default=0.0))
 
@@ -315,7 +318,8 @@ def _hopeful(
     objective: Objective,
     current: Fit,
     simulated: FloatArray,
-    residual: FloatArray,
+    left: Single,
+    follow: Sequence[Single],
     terms: Sequence[Term],
     count: int,
 ) -> list[_Tries]:
@@ -328,7 +332,8 @@ def _hopeful(
         objective: the recordings.
         current: what is already explained.
         simulated: (rows, n_scored) what it leaves, with the numerical error in it.
-        residual: (rows, n_scored) the same without.
+        left: (rows, n_scored) the same without, and without what the values in place can follow.
+        follow: as `_followers` has it.
         terms: the effects.
         count: how many effects of many places are tried at each.
     """
@@ -340,7 +345,8 @@ def _hopeful(
     promised: dict[int, FloatArray] = {}
     for group in objective.grouped(cases):
         for k, block in zip(several[group], objective.freed(cases[group]), strict=True):
-            promised[k] = _promises(objective, residual, (block - simulated).astype(np.float32))
+            changes = _without(follow, (block - simulated).astype(np.float32))
+            promised[k] = _promises(objective, left, changes)
     # What one joint lacks is not to drown in what the others would take of their noise.
     most = {k: _largest(one @ of_joint.T) for k, one in promised.items()}
     hopeful = [k for k in sorted(several, key=lambda k: -most[k])[:count] if most[k] > 0]
@@ -385,7 +391,23 @@ def _best_magnitudes(
     return kept
 
 
-def _promises(objective: Objective, residual: FloatArray, changes: Single) -> FloatArray:
+def _followers(slopes: FloatArray) -> list[Single]:
+    """Of each channel (rows, k) directions in which the values in place can move it."""
+    return [
+        np.linalg.qr(column[:, np.square(column).sum(axis=0) > 0])[0].astype(np.float32)
+        for column in np.moveaxis(slopes, 0, 2).transpose(1, 0, 2)
+    ]
+
+
+def _without(follow: Sequence[Single], changes: Single) -> Single:
+    """(n, rows, n_scored) changes without what the values in place follow, channel by channel."""
+    left = changes.copy()
+    for c, basis in enumerate(follow):
+        left[:, :, c] -= (changes[:, :, c] @ basis) @ basis.T
+    return left
+
+
+def _promises(objective: Objective, residual: Single, changes: Single) -> FloatArray:
     """What as much of each change as suits a channel takes off its ½ log, (n, n_scored).
 
     NaN for what diverged.
@@ -394,7 +416,7 @@ def _promises(objective: Objective, residual: FloatArray, changes: Single) -> Fl
     size = np.einsum("trc,trc->tc", changes, changes, dtype=np.float64)
     taken = np.where(along < 0, along**2, 0.0) / np.maximum(size, 1e-300)
     taken[np.isnan(size)] = np.nan
-    before = np.square(residual).sum(axis=0)
+    before = np.square(residual).sum(axis=0, dtype=np.float64)
     floor = objective.count * objective.floor**2
     left = np.maximum(before - taken, 0.0) + floor
     promised: FloatArray = 0.5 * np.log((before + floor) / left)
