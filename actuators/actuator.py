@@ -188,7 +188,24 @@ class Actuator(abc.ABC):
     @property
     @abc.abstractmethod
     def applied_effort(self) -> FloatArray:
-        """What was left of it after the limits [N·m; N]."""
+        """What was left of it after the limits, those of the joint included [N·m; N]."""
+
+    @abc.abstractmethod
+    def reach(self, target: str) -> FloatArray:
+        """What it can be asked for, the least of all that config and model state.
+
+        Args:
+            target: one of `takes`.
+
+        Returns:
+            The least and the greatest target of each joint, (n_joints, 2), infinite where nothing
+            is stated.
+        """
+
+    @property
+    @abc.abstractmethod
+    def effort_range(self) -> FloatArray:
+        """What acts on the joints at least and at most [N·m; N], (n_joints, 2), as in `reach`."""
 
     @property
     @abc.abstractmethod

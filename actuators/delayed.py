@@ -242,6 +242,15 @@ class DelayedActuator(Actuator):
         """As in `Actuator`."""
         return self.base.applied_effort
 
+    def reach(self, target: str) -> FloatArray:
+        """As in `Actuator`."""
+        return self.base.reach(target)
+
+    @property
+    def effort_range(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self.base.effort_range
+
     @property
     def holds(self) -> bool:
         """As in `Actuator`."""

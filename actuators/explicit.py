@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from walkerkit.actuators.laws.dc_motor import DcMotorLaw
 from walkerkit.actuators.laws.law import Law
 from walkerkit.actuators.laws.pd import PdLaw
 from walkerkit.actuators.laws.remotized import RemotizedPdLaw
+from walkerkit.actuators.limits import least, range_behind
 from walkerkit.actuators.selection import Numbers
 from walkerkit.actuators.targeted import TargetedActuator
 
@@ -138,6 +139,7 @@ class ExplicitActuator(TargetedActuator):
         self._strength: FloatArray | None = None
         self._efforts: list[FloatArray] = [np.zeros(0), np.zeros(0)]
         self._columns: Any = ...
+        self._behind: FloatArray | None = None
         self.on_change: Callable[[], None] | None = None
         """Is called when parameters have changed, or when efforts are no longer shared."""
 
@@ -146,12 +148,21 @@ class ExplicitActuator(TargetedActuator):
         return add_general(target, self.cfg.transmission, **gear)
 
     def _bind(self) -> None:
-        self._law = self.cfg.law(self._numbers)
+        behind = range_behind(self.simulation.model, self._actuator_ids)
+        self._behind = behind if np.isfinite(behind).any() else None
+        self._law = self.cfg.law(self._within(self._numbers))
         self._law.allocate(self.shape)
         self._strength = None
         self._note(np.zeros(self.shape), np.zeros(self.shape))
         if self.cfg.transmission == "joint" and {"stiffness", "damping"} <= {*self._law.names}:
             self.warn_unstable(self._law.get("stiffness"), self._law.get("damping"))
+
+    def _within(self, numbers: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+        """The config's numbers, with no effort limit above that of the joint."""
+        if self._behind is None or "effort_limit" not in {item.name for item in fields(self.cfg)}:
+            return numbers
+        behind = np.abs(self._behind).max(axis=1)
+        return {**numbers, "effort_limit": np.minimum(numbers.get("effort_limit", behind), behind)}
 
     def control(
         self,
@@ -217,7 +228,26 @@ class ExplicitActuator(TargetedActuator):
     @property
     def applied_effort(self) -> FloatArray:
         """As in `Actuator`."""
-        return np.array(self._efforts[1][self._columns])
+        applied = np.array(self._efforts[1][self._columns])
+        if self._behind is not None:
+            np.clip(applied, self._behind[:, 0], self._behind[:, 1], out=applied)
+        return applied
+
+    def _asked(self, target: str) -> FloatArray:
+        if target == "effort_target":
+            return self.effort_range
+        limit = self._limit("velocity_limit") if target == "velocity_target" else np.inf
+        return limit * np.tile([-1.0, 1.0], (len(self.joint_names), 1))
+
+    @property
+    def effort_range(self) -> FloatArray:
+        """As in `Actuator`."""
+        own = self._limit("effort_limit") * np.tile([-1.0, 1.0], (len(self.joint_names), 1))
+        return own if self._behind is None else least(own, self._behind)
+
+    def _limit(self, name: str) -> Any:
+        """One of the law's limits as configured, (n_joints, 1), or an infinite one."""
+        return self.nominal(name)[:, None] if name in self.parameters else np.inf
 
     def _reset(self, rows: Rows, random_state: Random | None) -> None:
         del random_state

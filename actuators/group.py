@@ -55,6 +55,7 @@ class ActuatorGroup:
         self.cfgs = configs
         self.actuators: tuple[Actuator, ...] = tuple(cfg.build() for cfg in configs)
         self._joint_names: tuple[str, ...] = ()
+        self._driven: tuple[Any, ...] = ()
         self._columns: tuple[Any, ...] = ()
         self._single = len(configs) == 1
         self._last: ActuatorCmd | None = None
@@ -105,6 +106,12 @@ class ActuatorGroup:
         }
         at = {place: i for i, place in enumerate(sorted(named))}
         self._joint_names = tuple(named[place] for place in at)
+        driven = {
+            place: one
+            for m, r in zip(targets, ranks, strict=True)
+            for one, place in zip(m, r, strict=True)
+        }
+        self._driven = tuple(driven[place] for place in at)
         self._order = tuple(
             np.array([at[place] for place in mine], dtype=np.intp) for mine in ranks
         )
@@ -215,6 +222,11 @@ class ActuatorGroup:
         return self._joint_names
 
     @property
+    def driven(self) -> tuple[Any, ...]:
+        """The joints (tendons, sites) themselves, in the order of `joint_names`."""
+        return self._driven
+
+    @property
     def joint_ids(self) -> IntArray:
         """Ids of all joints in the compiled model, (n_joints,)."""
         return self._gather([actuator.joint_ids for actuator in self.actuators]).astype(np.intp)
@@ -248,6 +260,25 @@ class ActuatorGroup:
     def applied_effort(self) -> FloatArray:
         """What was left of it after the limits [N·m; N]."""
         return self._gather([actuator.applied_effort for actuator in self.actuators])
+
+    def reach(self, target: str) -> FloatArray:
+        """What each joint can be asked for, as `Actuator.reach`, (n_joints, 2).
+
+        Args:
+            target: of `TARGETS`.
+        """
+        return self._ranges([actuator.reach(target) for actuator in self.actuators])
+
+    @property
+    def effort_range(self) -> FloatArray:
+        """What acts on each joint at least and at most [N·m; N], as `Actuator`, (n_joints, 2)."""
+        return self._ranges([actuator.effort_range for actuator in self.actuators])
+
+    def _ranges(self, parts: list[FloatArray]) -> FloatArray:
+        every = np.empty((len(self._joint_names), 2))
+        for part, order in zip(parts, self._order, strict=True):
+            every[order] = part
+        return every
 
     def _gather(self, parts: list[NDArray[Any]]) -> NDArray[Any]:
         every = np.empty((*parts[0].shape[:-1], len(self._joint_names)), dtype=parts[0].dtype)

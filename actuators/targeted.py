@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import Actuator, Rows, rows_of, unknown_parameter
 from walkerkit.actuators.config import JOINT_ATTRIBUTES, TargetedActuatorCfg
 from walkerkit.actuators.errors import listed
+from walkerkit.actuators.limits import least, length_range
 from walkerkit.actuators.selection import per_joint, select
 from walkerkit.actuators.simulation import Simulation, viewed
 from walkerkit.actuators.stability import unstable_gains
@@ -93,6 +94,10 @@ class TargetedActuator(Actuator):
     @abc.abstractmethod
     def _write(self, name: str, values: FloatArray, rows: Rows) -> None:
         """Changes one of the law's own parameters."""
+
+    @abc.abstractmethod
+    def _asked(self, target: str) -> FloatArray:
+        """`reach` as the law and the control have it, (n_joints, 2)."""
 
     # Lifecycle.
 
@@ -217,6 +222,14 @@ class TargetedActuator(Actuator):
         """Position and velocity of its joints, (..., n_joints) each, perhaps live views."""
         (q, at), (qd, dof) = self._length, self._speed
         return (q if at is None else q[at]), (qd if dof is None else qd[dof])
+
+    def reach(self, target: str) -> FloatArray:
+        """As in `Actuator`."""
+        asked = self._asked(target)
+        if target != "position_target":
+            return asked
+        model = self.simulation.model
+        return least(asked, length_range(model, self.cfg.transmission, self._joint_ids))
 
     @property
     def simulation(self) -> Simulation:

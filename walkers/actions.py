@@ -39,6 +39,8 @@ class Joints:
         takes: the targets that each one's actuator can follow.
         speeds: no-load speeds [rad/s; m/s], (n_joints,), infinite where none is stated.
         efforts: effort limits [N·m; N], (n_joints,), infinite where none is stated.
+        reach: {target: least and greatest that its actuators can be asked for, (n_joints, 2)}; by
+            default the three above, alike both ways.
     """
 
     names: tuple[str, ...]
@@ -47,6 +49,15 @@ class Joints:
     takes: tuple[frozenset[str], ...]
     speeds: FloatArray
     efforts: FloatArray
+    reach: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        stated = {
+            "position_target": self.ranges,
+            "velocity_target": np.stack([-self.speeds, self.speeds], axis=-1),
+            "effort_target": np.stack([-self.efforts, self.efforts], axis=-1),
+        }
+        object.__setattr__(self, "reach", {**stated, **self.reach})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -215,9 +226,11 @@ class JointEffortAction(JointAction):
 class FullRangeAction(ActionTerm):
     """One number per joint, in kinematic order, that spans all that the joint can do; the default.
 
-    A position target where the actuator follows one, from end to end of the joint's range (±π about
-    the default pose where it has none); else a velocity target within ± its no-load speed (10 rad/s
-    where none is stated); else an effort target within ± its limit (1 N·m where none is stated).
+    A position target where the actuator follows one, else a velocity target, else an effort target:
+    from the least to the greatest that file and config let it be asked for (`Actuator.reach`). What
+    is outside is clipped. Where the actuator states nothing, the one of the file that it replaced
+    counts. Where that states nothing either, the span is ±π about the default pose, ±10 rad/s or
+    ±1 N·m.
     """
 
     def bind(self, joints: Joints) -> Sequence[BoundTerm]:
@@ -243,18 +256,14 @@ class FullRangeAction(ActionTerm):
 
     @staticmethod
     def _span(joints: Joints, target: str, at: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        if target == "position_target":
-            limited = np.isfinite(joints.ranges[at]).all(axis=1)
-            low = np.where(limited, joints.ranges[at, 0], joints.default[at] - np.pi)
-            high = np.where(limited, joints.ranges[at, 1], joints.default[at] + np.pi)
-            return low, high
-        limit, default = (
-            (joints.speeds, _DEFAULT_SPEED)
-            if target == "velocity_target"
-            else (joints.efforts, _DEFAULT_EFFORT)
-        )
-        most = np.where(np.isfinite(limit[at]), limit[at], default)
-        return -most, most
+        low, high = joints.reach[target][at].T
+        middle, half = {
+            "position_target": (joints.default[at], np.pi),
+            "velocity_target": (0.0, _DEFAULT_SPEED),
+            "effort_target": (0.0, _DEFAULT_EFFORT),
+        }[target]
+        limited = np.isfinite(low) & np.isfinite(high)
+        return np.where(limited, low, middle - half), np.where(limited, high, middle + half)
 
 
 def _widest(takes: frozenset[str]) -> str:

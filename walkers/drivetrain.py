@@ -28,6 +28,7 @@ from walkerkit.actuators.adoption import Adoption
 from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw, LawRunner
+from walkerkit.actuators.limits import stated_reach
 from walkerkit.actuators.selection import select
 from walkerkit.actuators.simulation import Simulation
 from walkerkit.actuators.targeted import actuators_of, candidates, element_ids
@@ -42,6 +43,8 @@ from walkerkit.walkers.actions import (
 
 FloatArray = NDArray[np.float64]
 Existing = Literal["replace", "keep"]
+Reaches = dict[int, dict[str, FloatArray]]
+"""By the id of a joint's element: {target: least and greatest}."""
 
 _DRIVEN = ("joint", "jointinparent", "tendon", "site", "cranksite", "body")
 
@@ -93,8 +96,7 @@ class Drivetrain:
         if existing not in get_args(Existing):
             raise ValueError(f"existing should be one of {get_args(Existing)}, got {existing!r}")
         self.group = ActuatorGroup(cfgs)
-        if existing == "replace":
-            _remove_claimed(root, self.group)
+        replaced = _remove_claimed(root, self.group) if existing == "replace" else {}
         self.group.edit_mjcf(root)
         self.kept: tuple[Any, ...] = tuple(
             element
@@ -104,7 +106,9 @@ class Drivetrain:
         self._root = root
         self._randomizations = tuple(randomizations)
         self._laws = LawRunner(laws) if laws else None
-        self.joints, self._kept_ranges = _survey(root, self.group, self.kept, default or {})
+        self.joints, self._kept_ranges = _survey(
+            root, self.group, self.kept, default or {}, replaced
+        )
         terms = (FullRangeAction(),) if action is None else action
         self._commander = Commander(terms if isinstance(terms, Sequence) else (terms,), self.joints)
         self._names = (*self._commander.names, *map(_kept_name, self.kept))
@@ -256,55 +260,78 @@ def _kept_name(element: Any) -> str:
     return str(next(named, element.tag))
 
 
-def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> None:
-    """Removes the actuators of joints that get a new one, and the sensors that read them."""
-    removed = []
+def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> Reaches:
+    """Removes the actuators of joints that get a new one, and the sensors that read them.
+
+    Returns:
+        What those could be asked for, by what they drove.
+    """
+    removed: dict[int, list[Any]] = {}
     for cfg in group.cfgs:
         base = getattr(cfg, "base_cfg", cfg)
         if isinstance(base, TargetedActuatorCfg) and not isinstance(base, XmlActuatorCfg):
             named = candidates(root, base.transmission)
             targets = list(named.values())
             for i in select(base.joint_names_expr, list(named)):
-                removed += actuators_of(targets[i])
+                removed[id(targets[i])] = actuators_of(targets[i])
+    reaches = _reaches(root, removed)
+    elements = [element for those in removed.values() for element in those]
     for sensor in root.find_all("sensor"):
-        if any(getattr(sensor, "actuator", None) is element for element in removed):
+        if any(getattr(sensor, "actuator", None) is element for element in elements):
             sensor.remove()
-    for element in removed:
+    for element in elements:
         element.remove()
+    return reaches
+
+
+def _reaches(root: mjcf.RootElement, actuators: Mapping[int, Sequence[Any]]) -> Reaches:
+    """What joints could be asked for that have just one actuator, while it is still there."""
+    alone = {target: those[0] for target, those in actuators.items() if len(those) == 1}
+    if not alone:
+        return {}
+    model = _compiled(root)
+    ids = element_ids(model, alone.values(), mujoco.mjtObj.mjOBJ_ACTUATOR, root)
+    return {target: stated_reach(model, int(one)) for target, one in zip(alone, ids, strict=True)}
 
 
 def _survey(
-    root: mjcf.RootElement, group: ActuatorGroup, kept: Sequence[Any], default: Any
+    root: mjcf.RootElement,
+    group: ActuatorGroup,
+    kept: Sequence[Any],
+    default: Any,
+    replaced: Reaches,
 ) -> tuple[Joints, FloatArray]:
     """What there is to know of the joints and of the controls that were kept, compiled once."""
     model = _compiled(root)
     data = mujoco.MjData(model)
     group.initialize((model, data))
-    positions, ranges = [], []
     on_joint = {
         name: int(joint)
         for actuator, cfg in zip(group.actuators, group.cfgs, strict=True)
         if getattr(getattr(cfg, "base_cfg", cfg), "transmission", "joint") == "joint"
         for name, joint in zip(actuator.joint_names, actuator.joint_ids, strict=True)
     }
-    for name in group.joint_names:
-        joint = on_joint.get(name)
-        if joint is None:
-            positions.append(0.0)
-            ranges.append([-np.inf, np.inf])
-            continue
-        address = model.jnt_qposadr[joint]
-        positions.append(float(default.get(name, model.qpos0[address])))
-        limited = model.jnt_limited[joint]
-        ranges.append(list(model.jnt_range[joint]) if limited else [-np.inf, np.inf])
+    positions = [
+        float(default.get(name, model.qpos0[model.jnt_qposadr[on_joint[name]]]))
+        if name in on_joint
+        else 0.0
+        for name in group.joint_names
+    ]
     takes = {name: actuator.takes for actuator in group.actuators for name in actuator.joint_names}
+    reach = {target: group.reach(target) for target in TARGETS}
+    for i, target in enumerate(group.driven):
+        # Where nothing limits an actuator now, an action spans what the one before it could do.
+        for name, ends in replaced.get(id(target), {}).items():
+            if name in takes[group.joint_names[i]] and not np.isfinite(reach[name][i]).all():
+                reach[name][i] = ends
     joints = Joints(
         names=group.joint_names,
         default=np.array(positions),
-        ranges=np.array(ranges).reshape(-1, 2),
+        ranges=reach["position_target"],
         takes=tuple(takes[name] for name in group.joint_names),
-        speeds=_limits(group, "velocity_limit"),
-        efforts=_limits(group, "effort_limit"),
+        speeds=np.abs(reach["velocity_target"]).max(axis=1),
+        efforts=np.abs(group.effort_range).max(axis=1),
+        reach=reach,
     )
     controls = model.actuator_ctrladr[element_ids(model, kept, mujoco.mjtObj.mjOBJ_ACTUATOR, root)]
     limited = (model.actuator_ctrllimited[controls] != 0)[:, None]
@@ -315,11 +342,3 @@ def _survey(
 def _compiled(root: mjcf.RootElement) -> mujoco.MjModel:
     """The walker's own model, as MuJoCo compiles it."""
     return mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
-
-
-def _limits(group: ActuatorGroup, name: str) -> FloatArray:
-    limits: dict[str, float] = {}
-    for actuator in group.actuators:
-        if name in actuator.parameters:
-            limits.update(zip(actuator.joint_names, actuator.nominal(name), strict=True))
-    return np.array([limits.get(joint, np.inf) for joint in group.joint_names])
