@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.actuator import Random, Rows
+from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.general import add_general
@@ -207,8 +208,8 @@ class ExplicitActuator(TargetedActuator):
 
     @property
     def takes(self) -> frozenset[str]:
-        """As in `Actuator`."""
-        return self.law.takes
+        """As in `Actuator`; until it knows its physics, whatever a law may take."""
+        return frozenset(TARGETS) if self._law is None else self._law.takes
 
     @property
     def needs(self) -> frozenset[str]:

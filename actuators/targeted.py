@@ -30,6 +30,8 @@ _OBJECT = {
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
     "site": mujoco.mjtObj.mjOBJ_SITE,
 }
+_REFERENCES = {"joint": "joint", "jointinparent": "joint", "tendon": "tendon", "site": "site"}
+"""Attributes of an actuator that say what it drives, and the kinds of these."""
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _MODEL_FIELD = {
     "joint": {
@@ -321,11 +323,15 @@ def actuators_of(target: mjcf.Element) -> list[Any]:
     return [
         element
         for element in target.root.root_model.find_all("actuator")
-        if any(
-            getattr(element, reference, None) is target
-            for reference in ("joint", "jointinparent", "tendon", "site")
-        )
+        if any(_refers(element, reference, target) for reference in _REFERENCES)
     ]
+
+
+def _refers(element: mjcf.Element, reference: str, target: mjcf.Element) -> bool:
+    value = getattr(element, reference, None)
+    if isinstance(value, str):  # as it stays where it was given by name
+        value = element.root.find(_REFERENCES[reference], value)
+    return value is target
 
 
 def element_ids(
