@@ -182,6 +182,11 @@ class Actuator(abc.ABC):
 
     @property
     @abc.abstractmethod
+    def positions(self) -> FloatArray:
+        """Where its joints are [rad; m], (..., n_joints), perhaps a live view."""
+
+    @property
+    @abc.abstractmethod
     def computed_effort(self) -> FloatArray:
         """What the law asked for in the last `compute`, before any limit [N·m; N]."""
 

@@ -26,18 +26,21 @@ _BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
 _FILTER_EXACT = int(mujoco.mjtDyn.mjDYN_FILTEREXACT)
 
 
-Kind = Literal["position", "velocity", "effort", "pd"]
+Kind = Literal["position", "velocity", "effort", "pd", "unknown"]
+"""What a control asks for; `unknown` until the model is compiled."""
 _TAKES: dict[Kind, frozenset[str]] = {
     "position": frozenset({"position_target"}),
     "velocity": frozenset({"velocity_target"}),
     "effort": frozenset({"effort_target"}),
     "pd": frozenset(TARGETS),
+    "unknown": frozenset(TARGETS),
 }
 _GAINS: dict[Kind, tuple[str, ...]] = {
     "position": ("stiffness", "damping"),
     "velocity": ("damping",),
     "effort": (),
     "pd": ("stiffness", "damping"),
+    "unknown": (),
 }
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.actuator import Random, Rows
+from walkerkit.actuators.builtin import IMPLICIT
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.dc_motor_checks import check_dc_motor
 from walkerkit.actuators.dc_motor_parameters import Input, packed, winding
@@ -224,6 +225,7 @@ class BuiltinDcMotorActuator(StatefulActuator):
             self.warn_unstable(
                 self._now.get("stiffness", none),
                 drag if self.cfg.input == "voltage" else self._now.get("damping", none),
+                IMPLICIT,
             )
 
     # The command.

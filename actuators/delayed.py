@@ -25,8 +25,8 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import Actuator, Random, Rows, rows_of
 from walkerkit.actuators.builtin import BuiltinActuatorCfg
 from walkerkit.actuators.config import ActuatorCfg
-from walkerkit.actuators.fields import number
 from walkerkit.actuators.errors import listed
+from walkerkit.actuators.fields import number
 from walkerkit.actuators.laws.lag import DelayLine, Lags, LagSchedule
 from walkerkit.actuators.native import NativeActuator
 from walkerkit.actuators.simulation import Simulation
@@ -334,6 +334,11 @@ class DelayedActuator(Actuator):
     def elements(self) -> tuple[Any, ...]:
         """As in `Actuator`."""
         return self.base.elements
+
+    @property
+    def positions(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self.base.positions
 
     @property
     def computed_effort(self) -> FloatArray:

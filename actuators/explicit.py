@@ -7,7 +7,7 @@ actuator bears can be too much for an explicit one: `initialize` warns where tha
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.actuator import Random, Rows
+from walkerkit.actuators.builtin import IMPLICIT
 from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.fields import number
@@ -71,6 +72,8 @@ class DcMotorActuatorCfg(IdealPdActuatorCfg):
     """PD control through a DC motor, which is weaker the faster it turns (`laws.dc_motor`).
 
     Attributes:
+        effort_limit: what it makes for long (continuous torque), needed here and at most
+            `saturation_effort` [N·m; N].
         saturation_effort: what it makes for a moment at standstill (stall torque) [N·m; N].
         velocity_limit: how fast it turns without load [rad/s; m/s].
     """
@@ -78,10 +81,53 @@ class DcMotorActuatorCfg(IdealPdActuatorCfg):
     saturation_effort: Numbers = number(above=0)
     velocity_limit: Numbers = number(above=0)
 
+    def check(self) -> None:
+        """As in `ActuatorCfg`."""
+        check_torques(self.effort_limit, self.saturation_effort)
+
     def law(self, numbers: Mapping[str, FloatArray]) -> Law:
         """As in `ExplicitActuatorCfg`."""
         motor = {name: numbers[name] for name in ("saturation_effort", "velocity_limit")}
         return DcMotorLaw({**pd_parameters(numbers), **motor})
+
+
+def check_torques(continuous: Numbers | None, stall: Numbers) -> None:
+    """Refuses torques that no motor has, or that are in each other's place.
+
+    Args:
+        continuous: `effort_limit`, one number or one per expression.
+        stall: `saturation_effort`.
+
+    Raises:
+        ValueError: one is missing, or a motor makes more for long than for a moment.
+    """
+    if continuous is None:
+        raise ValueError(
+            "effort_limit is missing: while it brakes, the torque–speed line alone lets a motor "
+            "make twice its stall torque and more; give its continuous torque, or "
+            f"effort_limit={stall!r}, the saturation_effort, where the datasheet has none"
+        )
+    for one, more, less in _pairs(continuous, stall):
+        if more > less:
+            where = "" if one is None else f"[{one!r}]"
+            raise ValueError(
+                f"effort_limit{where}={more:g} is above saturation_effort{where}={less:g}: a motor "
+                "makes at most its stall torque (saturation_effort) for a moment and its "
+                "continuous torque (effort_limit) for long; exchange the two, or lower the former"
+            )
+
+
+def _pairs(one: Numbers, other: Numbers) -> Iterator[tuple[str | None, float, float]]:
+    """The numbers that are of the same joints for sure, each with the expression."""
+    if not isinstance(one, Mapping) and not isinstance(other, Mapping):
+        yield None, one, other
+        return
+    keys = one if isinstance(one, Mapping) else other
+    for key in keys:
+        first = one.get(key) if isinstance(one, Mapping) else one
+        second = other.get(key) if isinstance(other, Mapping) else other
+        if first is not None and second is not None:
+            yield key, first, second
 
 
 def _lookup(name: str, value: Any) -> tuple[tuple[float, float], ...]:
@@ -156,7 +202,8 @@ class ExplicitActuator(TargetedActuator):
         self._strength = None
         self._note(np.zeros(self.shape), np.zeros(self.shape))
         if self.cfg.transmission == "joint" and {"stiffness", "damping"} <= {*self._law.names}:
-            self.warn_unstable(self._law.get("stiffness"), self._law.get("damping"))
+            same = f"BuiltinPdActuatorCfg with {IMPLICIT}" if type(self._law) is PdLaw else None
+            self.warn_unstable(self._law.get("stiffness"), self._law.get("damping"), same)
 
     def _within(self, numbers: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
         """The config's numbers, with no effort limit above that of the joint."""

@@ -207,15 +207,20 @@ class TargetedActuator(Actuator):
             }
             self._nominal_of = model
 
-    def warn_unstable(self, stiffness: FloatArray, damping: FloatArray) -> None:
+    def warn_unstable(
+        self, stiffness: FloatArray, damping: FloatArray, implicit: str | None
+    ) -> None:
         """Warns of gains that explicit integration does not bear.
 
         Args:
             stiffness: kp [N·m/rad; N/m], (n_joints,).
             damping: kd [N·m·s/rad; N·s/m], (n_joints,).
+            implicit: as in `unstable_gains`.
         """
-        model = self.simulation.model
-        for problem in unstable_gains(model, self._joint_names, self._places, stiffness, damping):
+        model, places = self.simulation.model, self._places
+        for problem in unstable_gains(
+            model, self._joint_names, places, stiffness, damping, implicit
+        ):
             warnings.warn(problem, UserWarning, stacklevel=2)
 
     # State and properties.
@@ -224,6 +229,11 @@ class TargetedActuator(Actuator):
         """Position and velocity of its joints, (..., n_joints) each, perhaps live views."""
         (q, at), (qd, dof) = self._length, self._speed
         return (q if at is None else q[at]), (qd if dof is None else qd[dof])
+
+    @property
+    def positions(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self.state()[0]
 
     def reach(self, target: str) -> FloatArray:
         """As in `Actuator`."""
@@ -237,11 +247,16 @@ class TargetedActuator(Actuator):
     def simulation(self) -> Simulation:
         """As in `Actuator`."""
         if self._simulation is None:
-            raise RuntimeError(
-                f"the actuator of {self.cfg.joint_names_expr} does not know its physics: call "
-                "initialize(physics) after the model was compiled"
-            )
+            raise self._unknown()
         return self._simulation
+
+    def _unknown(self) -> RuntimeError:
+        """The error for who asks before it knows its physics."""
+        first = "" if self._elements else "edit_mjcf(root) before the model is compiled, then "
+        return RuntimeError(
+            f"the actuator of {self.cfg.joint_names_expr} does not know its physics: call "
+            f"{first}initialize(physics) after the model was compiled"
+        )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -256,12 +271,18 @@ class TargetedActuator(Actuator):
     @property
     def joint_ids(self) -> IntArray:
         """As in `Actuator`."""
-        return self._joint_ids
+        return self._known(self._joint_ids)
 
     @property
     def ctrl_ids(self) -> IntArray:
         """As in `Actuator`."""
-        return self._ctrl_ids
+        return self._known(self._ctrl_ids)
+
+    def _known(self, ids: IntArray) -> IntArray:
+        """The ids, once there is a model that they are of."""
+        if self._simulation is None:
+            raise self._unknown()
+        return ids
 
     @property
     def elements(self) -> tuple[Any, ...]:

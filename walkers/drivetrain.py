@@ -23,7 +23,12 @@ from dm_control import mjcf
 from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
-from walkerkit.actuators import ActuatorCfg, ActuatorCmd, ActuatorGroup
+from walkerkit.actuators import (
+    ActuatorCfg,
+    ActuatorCmd,
+    ActuatorGroup,
+    BuiltinDcMotorActuatorCfg,
+)
 from walkerkit.actuators.adoption import Adoption
 from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
@@ -33,13 +38,8 @@ from walkerkit.actuators.selection import select
 from walkerkit.actuators.simulation import Simulation
 from walkerkit.actuators.targeted import actuators_of, candidates, element_ids
 from walkerkit.actuators.wrapped import XmlActuatorCfg
-from walkerkit.walkers.actions import (
-    ActionTerm,
-    Commander,
-    FullRangeAction,
-    Joints,
-    checked_action,
-)
+from walkerkit.walkers.actions import Commander, FullRangeAction, checked_action
+from walkerkit.walkers.terms import ActionTerm, Joints
 
 FloatArray = NDArray[np.float64]
 Existing = Literal["replace", "keep"]
@@ -68,6 +68,8 @@ class Drivetrain:
             a second one for the same joint an error.
         laws: drivetrain laws of its joints (`walkerkit.actuators.drivetrain`).
         randomizations: applied at the start of each episode.
+        keep_integrator: leave the model's integrator alone. By default a model that states none
+            gets `implicitfast` where an actuator brings damping.
 
     Attributes:
         group: the actuators, whose laws run before each physics step.
@@ -92,12 +94,15 @@ class Drivetrain:
         existing: Existing = "replace",
         laws: Sequence[DrivetrainLaw] = (),
         randomizations: Sequence[Randomization] = (),
+        keep_integrator: bool = False,
     ):
         if existing not in get_args(Existing):
             raise ValueError(f"existing should be one of {get_args(Existing)}, got {existing!r}")
         self.group = ActuatorGroup(cfgs)
         replaced = _remove_claimed(root, self.group) if existing == "replace" else {}
         self.group.edit_mjcf(root)
+        if not keep_integrator and root.option.integrator is None and _bring_damping(self.group):
+            root.option.integrator = "implicitfast"
         self.kept: tuple[Any, ...] = tuple(
             element
             for element in root.find_all("actuator")
@@ -118,6 +123,7 @@ class Drivetrain:
         self._adoption: Adoption | None = None
         self.command: ActuatorCmd = self._commander.rest()
         self.last_action: FloatArray = np.zeros(len(self._names))
+        self._asked: tuple[ActuatorCmd, FloatArray] | None = None
 
     def initialize(self, physics: Any) -> None:
         """Finds joints and controls in the compiled model; again after each compilation.
@@ -150,6 +156,7 @@ class Drivetrain:
             randomization.apply(self.group, random_state)
         self.command = self._commander.rest()
         self.last_action = np.zeros(len(self._names))
+        self._asked = None
         self.group.reset(random_state=random_state)
         # Observations of the first step see forces that belong to the pose.
         self.group.apply(self.command)
@@ -190,18 +197,21 @@ class Drivetrain:
         """Sets the command, and the controls that were kept, for the coming physics steps.
 
         Args:
-            action: (n,), or (n_sims, n), in [-1, 1]; what is outside is clipped. Controls of
-                actuators that were kept come last, in their own units.
+            action: (n,), or (n_sims, n), as the action terms take it. Controls of actuators that
+                were kept come last, in their own units.
 
         Raises:
             RuntimeError: the model has actuators that were kept and is not compiled yet.
-            ValueError: the action has another shape, or is not finite.
+            ValueError: the action has another shape, is not finite, or asks for what is not.
         """
         if len(self._kept_at) != len(self.kept):
             raise RuntimeError("call initialize(physics) after the model was compiled, then act")
         values = checked_action(action, self._names, self._batch_shape)
         n = self._commander.size
-        self.command = self._commander.asked(values[..., :n], self._batch_shape)
+        if self._commander.relative:
+            self._follow(values[..., :n])
+        else:
+            self.command = self._commander.asked(values[..., :n], self._batch_shape)
         if self.kept:
             low, high = self._kept_ranges.T
             self._ctrl[..., self._kept_at] = np.clip(values[..., n:], low, high)
@@ -210,10 +220,18 @@ class Drivetrain:
 
     def run(self) -> None:
         """Runs the actuators' laws for the next physics step."""
+        # A command that someone else has set stays as it is.
+        if self._asked is not None and self._asked[0] is self.command:
+            self._follow(self._asked[1])
         if self._laws is not None:
             self._laws.apply(self.command)
         else:
             self.group.apply(self.command)
+
+    def _follow(self, values: FloatArray) -> None:
+        """Counts the targets of relative terms from where the joints are now."""
+        self.command = self._commander.asked(values, self._batch_shape, self.group.positions)
+        self._asked = self.command, values
 
     def action_for(self, cmd: ActuatorCmd | None = None) -> FloatArray:
         """The action that asks for a command, as a policy in physical units needs it.
@@ -222,10 +240,11 @@ class Drivetrain:
             cmd: targets of `joints.names`; None to hold the default pose.
 
         Returns:
-            (n,), not clipped: what is beyond ±1 is more than the action terms can ask for. Controls
-            of actuators that were kept are zero.
+            (n,), not clipped: what is beyond ±1 is more than a `FullRangeAction` can ask for.
+            Controls of actuators that were kept are zero.
         """
-        wanted = self._commander.action(self._commander.rest() if cmd is None else cmd)
+        positions = self.group.positions if self._commander.relative else None
+        wanted = self._commander.action(self._commander.rest() if cmd is None else cmd, positions)
         return np.concatenate([wanted, np.zeros(len(self.kept))])
 
     @property
@@ -242,7 +261,10 @@ class Drivetrain:
 
     @property
     def action_spec(self) -> specs.BoundedArray:
-        """A number in [-1, 1] for each of the terms' targets, then controls that were kept."""
+        """A number in [-1, 1] for each of the terms' targets, then controls that were kept.
+
+        Terms without a clip of their own also take what lies outside.
+        """
         n = self._commander.size
         return specs.BoundedArray(
             shape=(len(self._names),),
@@ -282,6 +304,19 @@ def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> Reaches:
     for element in elements:
         element.remove()
     return reaches
+
+
+def _bring_damping(group: ActuatorGroup) -> bool:
+    """Whether actuators that are added to the model damp, which Euler would integrate explicitly.
+
+    The file's own actuators do as they did.
+    """
+    added = [getattr(cfg, "base_cfg", cfg) for cfg in group.cfgs]
+    return any(
+        isinstance(cfg, BuiltinDcMotorActuatorCfg) or "damping" in cfg.numbers()
+        for cfg in added
+        if isinstance(cfg, TargetedActuatorCfg) and not isinstance(cfg, XmlActuatorCfg)
+    )
 
 
 def _reaches(root: mjcf.RootElement, actuators: Mapping[int, Sequence[Any]]) -> Reaches:

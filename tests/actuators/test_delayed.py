@@ -496,7 +496,7 @@ def test_simulations_redraw_at_steps_of_their_own():
 
 def test_a_phase_without_redraws_is_refused():
     for options in ({}, {"delay_update_period": 5, "delay_hold_prob": 1.0}):
-        with pytest.raises(ValueError, match="delay_per_env_phase=True .* no redraws"):
+        with pytest.raises(ValueError, match=r"delay_per_env_phase=True .* no redraws"):
             wandering(delay_per_env_phase=True, **options)
     with pytest.raises(ValueError, match="no redraws"):
         delayed(IDEAL, 3, delay_per_env_phase=True, delay_update_period=5)
