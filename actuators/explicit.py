@@ -119,15 +119,15 @@ def check_torques(continuous: Numbers | None, stall: Numbers) -> None:
 
 def _pairs(one: Numbers, other: Numbers) -> Iterator[tuple[str | None, float, float]]:
     """The numbers that are of the same joints for sure, each with the expression."""
-    if not isinstance(one, Mapping) and not isinstance(other, Mapping):
+    if isinstance(one, Mapping):
+        for key, first in one.items():
+            second = other.get(key) if isinstance(other, Mapping) else other
+            if second is not None:
+                yield key, first, second
+    elif isinstance(other, Mapping):
+        yield from ((key, one, second) for key, second in other.items())
+    else:
         yield None, one, other
-        return
-    keys = one if isinstance(one, Mapping) else other
-    for key in keys:
-        first = one.get(key) if isinstance(one, Mapping) else one
-        second = other.get(key) if isinstance(other, Mapping) else other
-        if first is not None and second is not None:
-            yield key, first, second
 
 
 def _lookup(name: str, value: Any) -> tuple[tuple[float, float], ...]:

@@ -49,7 +49,7 @@ def with_bounds(task: TaskT, walker: Any) -> TaskT:
             "the one that the task was made with"
         )
     if not isinstance(task, _Bounded):
-        task.__class__ = _bounded(type(task))
+        task.__class__ = _bounded(type(task))  # type: ignore[arg-type]
     task._bounds_of = walker
     return task
 

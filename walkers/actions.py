@@ -229,11 +229,10 @@ class FullRangeAction(ActionTerm):
     @staticmethod
     def _span(joints: Joints, target: str, at: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         low, high = joints.reach[target][at].T
-        middle, half = {
-            "position_target": (joints.default[at], np.pi),
-            "velocity_target": (0.0, _DEFAULT_SPEED),
-            "effort_target": (0.0, _DEFAULT_EFFORT),
-        }[target]
+        middle: FloatArray | float = 0.0
+        half = _DEFAULT_SPEED if target == "velocity_target" else _DEFAULT_EFFORT
+        if target == "position_target":
+            middle, half = joints.default[at], np.pi
         limited = np.isfinite(low) & np.isfinite(high)
         return np.where(limited, low, middle - half), np.where(limited, high, middle + half)
 
