@@ -199,9 +199,9 @@ class FullRangeAction(ActionTerm):
 
     A position target where the actuator follows one, else a velocity target, else an effort target:
     from the least to the greatest that file and config let it be asked for (`Actuator.reach`). What
-    is outside is clipped. Where the actuator states nothing, the one of the file that it replaced
-    counts. Where that states nothing either, the span is ±π about the default pose, ±10 rad/s or
-    ±1 N·m.
+    is outside is clipped. Where a builtin motor or velocity drive states nothing, the actuator of
+    the file counts that it replaced. Where nothing is stated at all, the span is ±π about the
+    default pose, ±10 rad/s or ±1 N·m.
     """
 
     def bind(self, joints: Joints) -> Sequence[BoundTerm]:

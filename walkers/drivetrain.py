@@ -28,6 +28,8 @@ from walkerkit.actuators import (
     ActuatorCmd,
     ActuatorGroup,
     BuiltinDcMotorActuatorCfg,
+    BuiltinMotorActuatorCfg,
+    BuiltinVelocityActuatorCfg,
 )
 from walkerkit.actuators.adoption import Adoption
 from walkerkit.actuators.command import TARGETS
@@ -289,6 +291,7 @@ def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> Reaches:
         What those could be asked for, by what they drove.
     """
     removed: dict[int, list[Any]] = {}
+    unlimited: dict[int, list[Any]] = {}
     for cfg in group.cfgs:
         base = getattr(cfg, "base_cfg", cfg)
         if isinstance(base, TargetedActuatorCfg) and not isinstance(base, XmlActuatorCfg):
@@ -296,7 +299,10 @@ def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> Reaches:
             targets = list(named.values())
             for i in select(base.joint_names_expr, list(named)):
                 removed[id(targets[i])] = actuators_of(targets[i])
-    reaches = _reaches(root, removed)
+                # Positions are limited by the joint, and laws that run in Python take them.
+                if isinstance(base, BuiltinVelocityActuatorCfg | BuiltinMotorActuatorCfg):
+                    unlimited[id(targets[i])] = removed[id(targets[i])]
+    reaches = _reaches(root, unlimited)
     elements = [element for those in removed.values() for element in those]
     for sensor in root.find_all("sensor"):
         if any(getattr(sensor, "actuator", None) is element for element in elements):
