@@ -36,7 +36,7 @@ from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw, LawRunner
 from walkerkit.actuators.limits import stated_reach
-from walkerkit.actuators.selection import select
+from walkerkit.actuators.selection import Numbers, select
 from walkerkit.actuators.simulation import Simulation
 from walkerkit.actuators.targeted import actuators_of, candidates, element_ids
 from walkerkit.actuators.wrapped import XmlActuatorCfg
@@ -319,10 +319,15 @@ def _bring_damping(group: ActuatorGroup) -> bool:
     """
     added = [getattr(cfg, "base_cfg", cfg) for cfg in group.cfgs]
     return any(
-        isinstance(cfg, BuiltinDcMotorActuatorCfg) or "damping" in cfg.numbers()
+        isinstance(cfg, BuiltinDcMotorActuatorCfg) or _any(cfg.numbers().get("damping", 0.0))
         for cfg in added
         if isinstance(cfg, TargetedActuatorCfg) and not isinstance(cfg, XmlActuatorCfg)
     )
+
+
+def _any(numbers: Numbers) -> bool:
+    """Whether one of the numbers is not zero."""
+    return any(numbers.values()) if isinstance(numbers, Mapping) else numbers != 0
 
 
 def _reaches(root: mjcf.RootElement, actuators: Mapping[int, Sequence[Any]]) -> Reaches:

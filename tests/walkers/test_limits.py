@@ -137,6 +137,12 @@ class TestIntegrator:
             (PD, '<option integrator="RK4"/>', "RK4"),
             (PD, "<option\n  timestep=\"0.002\"\n  integrator = 'implicit'/>", "implicit"),
             (BuiltinMotorActuatorCfg(**EVERY), "", None),
+            (IdealPdActuatorCfg(**EVERY, stiffness=20.0, damping=0.0), "", None),
+            (
+                IdealPdActuatorCfg(**EVERY, stiffness=0.0, damping={"hip": 0.0, "knee": 0.1}),
+                "",
+                "implicitfast",
+            ),
             (XmlActuatorCfg(**EVERY), "", None),
         ],
     )
