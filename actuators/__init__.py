@@ -49,6 +49,7 @@ from walkerkit.actuators.scaled import (
     add_velocity_actuator,
 )
 from walkerkit.actuators.wrapped import (
+    XmlActuatorCfg,
     XmlMotorActuatorCfg,
     XmlPositionActuatorCfg,
     XmlVelocityActuatorCfg,
@@ -77,6 +78,7 @@ __all__ = [
     "Motor",
     "Randomization",
     "RemotizedPdActuatorCfg",
+    "XmlActuatorCfg",
     "XmlMotorActuatorCfg",
     "XmlPositionActuatorCfg",
     "XmlVelocityActuatorCfg",

@@ -182,13 +182,35 @@ class Actuator(abc.ABC):
 
     @property
     @abc.abstractmethod
+    def positions(self) -> FloatArray:
+        """Where its joints are [rad; m], (..., n_joints), perhaps a live view."""
+
+    @property
+    @abc.abstractmethod
     def computed_effort(self) -> FloatArray:
         """What the law asked for in the last `compute`, before any limit [N·m; N]."""
 
     @property
     @abc.abstractmethod
     def applied_effort(self) -> FloatArray:
-        """What was left of it after the limits [N·m; N]."""
+        """What was left of it after the limits, those of the joint included [N·m; N]."""
+
+    @abc.abstractmethod
+    def reach(self, target: str) -> FloatArray:
+        """What it can be asked for, the least of all that config and model state.
+
+        Args:
+            target: one of `takes`.
+
+        Returns:
+            The least and the greatest target of each joint, (n_joints, 2), infinite where nothing
+            is stated.
+        """
+
+    @property
+    @abc.abstractmethod
+    def effort_range(self) -> FloatArray:
+        """What acts on the joints at least and at most [N·m; N], (n_joints, 2), as in `reach`."""
 
     @property
     @abc.abstractmethod

@@ -53,5 +53,5 @@ class Adoption:
         self._group.reset(env_ids=[row])
         for mine, other in zip(self._group.actuators, group.actuators, strict=True):
             if isinstance(mine, DelayedActuator) and isinstance(other, DelayedActuator):
-                for word, line in mine.lines.items():
-                    line.adopt(row, other.lines[word])
+                for lags, others in zip(mine.lags, other.lags, strict=True):
+                    lags.adopt(row, others)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from walkerkit.actuators.actuator import Rows
 from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.limits import control_range, force_range, least, mapped, stated, unlimited
 from walkerkit.actuators.native import NativeActuator
 
 FloatArray = NDArray[np.float64]
@@ -25,18 +26,21 @@ _BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
 _FILTER_EXACT = int(mujoco.mjtDyn.mjDYN_FILTEREXACT)
 
 
-Kind = Literal["position", "velocity", "effort", "pd"]
+Kind = Literal["position", "velocity", "effort", "pd", "unknown"]
+"""What a control asks for; `unknown` until the model is compiled."""
 _TAKES: dict[Kind, frozenset[str]] = {
     "position": frozenset({"position_target"}),
     "velocity": frozenset({"velocity_target"}),
     "effort": frozenset({"effort_target"}),
     "pd": frozenset(TARGETS),
+    "unknown": frozenset(TARGETS),
 }
 _GAINS: dict[Kind, tuple[str, ...]] = {
     "position": ("stiffness", "damping"),
     "velocity": ("damping",),
     "effort": (),
     "pd": ("stiffness", "damping"),
+    "unknown": (),
 }
 
 
@@ -66,11 +70,15 @@ class AffineActuator(NativeActuator):
             self._gain0 = model.actuator_gainprm[ids, 0].copy()
             has_bias = (model.actuator_biastype[ids] == _BIAS)[:, None]
             self._bias0 = np.where(has_bias, model.actuator_biasprm[ids, :3], 0.0)
-            self._limits0 = _range(model.actuator_forcelimited, model.actuator_forcerange, ids)
             self._slope, self._offset = self._scale(model)
+            self._limits0 = self._limits(model)
+            self._limited0 = model.actuator_forcelimited[ids] != 0
+            self._forcerange0 = np.where(
+                self._limited0[:, None], model.actuator_forcerange[ids], self._limits0
+            )
             self._own0 = dict(self._own())
             self._affine_of = model
-        self._ctrlrange = _range(
+        self._ctrlrange = stated(
             model.actuator_ctrllimited, model.actuator_ctrlrange, self._ctrl_ids
         )
         self._now = {name: values.copy() for name, values in self._own0.items()}
@@ -78,7 +86,7 @@ class AffineActuator(NativeActuator):
         self._filtered, self._act_ids = first >= 0, np.maximum(first, 0)
         self._any_filtered = bool(self._filtered.any())
         self._act = np.zeros(self.shape)
-        self._actrange = _range(model.actuator_actlimited, model.actuator_actrange, ids)
+        self._actrange = stated(model.actuator_actlimited, model.actuator_actrange, ids)
         self._share = _share_of_next_activation(model, ids)
 
     @property
@@ -132,7 +140,8 @@ class AffineActuator(NativeActuator):
         if given.any():
             joint = self.joint_names[int(np.argwhere(given)[0, -1])]
             raise ValueError(
-                f"joint {joint!r} has no {name} to change: give its actuator a forcerange"
+                f"joint {joint!r} has no {name} to change: give its actuator a forcerange or a "
+                "ctrlrange, or the joint an actuatorfrcrange"
             )
         self._now[name] = every
         self._changed = True
@@ -140,10 +149,15 @@ class AffineActuator(NativeActuator):
         ids = self._actuator_ids
         self.simulation.parameter("actuator_gainprm")[..., ids, 0] = gain
         self.simulation.parameter("actuator_biasprm")[..., ids, :3] = bias
-        limited = np.isfinite(self._limits0).all(axis=1)
-        self.simulation.parameter("actuator_forcerange")[..., ids[limited], :] = limits[
-            ..., limited, :
-        ]
+        # A limit that the file states elsewhere becomes one of the force while it is another one.
+        changed = np.broadcast_to((limits != self._limits0).any(axis=-1), self.shape)
+        limited = self._limited0 | changed
+        ends = np.where(changed[..., None], limits, self._forcerange0)
+        self.simulation.parameter("actuator_forcerange")[..., ids, :] = np.where(
+            limited[..., None], ends, 0.0
+        )
+        if not self._limited0.all():
+            self.simulation.parameter("actuator_forcelimited")[..., ids] = limited
 
     def _law(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Gain (..., n), bias (..., n, 3) and limits (..., n, 2), in the actuators' units."""
@@ -197,7 +211,32 @@ class AffineActuator(NativeActuator):
     def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
         """Control per target, and control at a target of zero, (n_joints,) each."""
 
-    # Efforts.
+    # Limits and efforts.
+
+    def _limits(self, model: mujoco.MjModel) -> FloatArray:
+        """The least of what limits the force of each actuator, in its own units, (n, 2)."""
+        ids = self._actuator_ids
+        limits = force_range(model, ids)
+        if self._kind != "effort":
+            return limits
+        # Its control says how much force it asks for.
+        return least(mapped(control_range(model, ids), self._gain0, self._bias0[:, 0]), limits)
+
+    def _asked(self, target: str) -> FloatArray:
+        if target == "effort_target" and self._kind == "effort":
+            # The target whose force it is; a bias that the drive makes besides is none of it.
+            per_target = self._gain0 * self._slope
+            at_zero = self._gain0 * self._offset + self._bias0[:, 0]
+            return mapped(self._limits0 - at_zero[:, None], 1 / per_target)
+        if target == f"{self._kind}_target":
+            controls = control_range(self.simulation.model, self._actuator_ids)
+            return mapped(controls - self._offset[:, None], 1 / self._slope)
+        return self.effort_range if target == "effort_target" else unlimited(len(self._gear))
+
+    @property
+    def effort_range(self) -> FloatArray:
+        """As in `Actuator`."""
+        return mapped(self._limits0, self._gear)
 
     def _force(self) -> tuple[FloatArray, FloatArray]:
         """Force of each actuator before and after its limits, in its own units."""
@@ -213,19 +252,13 @@ class AffineActuator(NativeActuator):
 
     @property
     def computed_effort(self) -> FloatArray:
-        """As in `Actuator`: what MuJoCo makes before `forcerange`."""
+        """As in `Actuator`: what MuJoCo makes before `forcerange` and the joint's own limit."""
         return self._gear * self._force()[0]
 
     @property
     def applied_effort(self) -> FloatArray:
         """As in `Actuator`."""
         return self._gear * self._force()[1]
-
-
-def _range(limited: Any, ranges: Any, ids: NDArray[np.intp]) -> FloatArray:
-    """Limits (n, 2), infinite where there are none."""
-    has = (limited[ids] != 0)[:, None]
-    return np.where(has, ranges[ids], [[-np.inf, np.inf]])
 
 
 def _share_of_next_activation(model: mujoco.MjModel, ids: NDArray[np.intp]) -> FloatArray:

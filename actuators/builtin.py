@@ -27,6 +27,8 @@ from walkerkit.actuators.selection import Numbers
 FloatArray = NDArray[np.float64]
 
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
+IMPLICIT = 'the integrator "implicitfast"'
+"""What takes an actuator of MuJoCo's over the bound of explicit integration."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +140,7 @@ class BuiltinActuator(AffineActuator):
         if model.opt.integrator == _EULER and self.cfg.transmission == "joint":
             own = self._own()
             none = np.zeros(len(self.joint_names))
-            self.warn_unstable(own.get("stiffness", none), own.get("damping", none))
+            self.warn_unstable(own.get("stiffness", none), own.get("damping", none), IMPLICIT)
 
     def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
         n = len(self.joint_names)

@@ -23,11 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.actuator import Random, Rows
+from walkerkit.actuators.builtin import IMPLICIT
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.dc_motor_checks import check_dc_motor
 from walkerkit.actuators.dc_motor_parameters import Input, packed, winding
 from walkerkit.actuators.fields import choice, number
 from walkerkit.actuators.general import add_general
+from walkerkit.actuators.limits import least
 from walkerkit.actuators.selection import Numbers
 from walkerkit.actuators.stateful import StatefulActuator
 
@@ -223,6 +225,7 @@ class BuiltinDcMotorActuator(StatefulActuator):
             self.warn_unstable(
                 self._now.get("stiffness", none),
                 drag if self.cfg.input == "voltage" else self._now.get("damping", none),
+                IMPLICIT,
             )
 
     # The command.
@@ -249,6 +252,28 @@ class BuiltinDcMotorActuator(StatefulActuator):
         if not self._all_set_out:
             self._set_out_from_here()
         return control
+
+    def _asked(self, target: str) -> FloatArray:
+        numbers = self._numbers
+        most: FloatArray | float = np.inf
+        if target == "effort_target" and self.cfg.input == "voltage":
+            most = numbers.get("voltage_limit", numbers.get("nominal_voltage", np.inf))
+        elif target == "effort_target":
+            return self.effort_range
+        elif target == "velocity_target" and "no_load_speed" in numbers:
+            most = numbers["no_load_speed"] / self._gear
+        return self._both_ways(most)
+
+    @property
+    def effort_range(self) -> FloatArray:
+        """As in `Actuator`."""
+        limit = self._force_limit(self._numbers, winding(self._numbers)[0])
+        return least(self._both_ways(np.inf if limit is None else limit * self._gear), self._behind)
+
+    def _both_ways(self, most: FloatArray | float) -> FloatArray:
+        """±most of each joint."""
+        most = np.broadcast_to(most, len(self.joint_names))
+        return np.stack([-most, most], axis=-1)
 
     def _set_out_from_here(self) -> None:
         """Lets limited targets move off from the joint's state; MuJoCo would start from zero."""

@@ -162,6 +162,15 @@ class BuiltinMuscleActuator(StatefulActuator):
         del position, velocity
         return np.asarray(np.clip(np.asarray(effort), 0.0, 1.0))
 
+    def _asked(self, target: str) -> FloatArray:
+        most = [0.0, 1.0] if target == "effort_target" else [-np.inf, np.inf]
+        return np.tile(most, (len(self.joint_names), 1))
+
+    @property
+    def effort_range(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self._behind.copy()
+
     @property
     def activation(self) -> FloatArray:
         """How far each muscle is activated, from 0 to 1, (..., n_joints), a copy."""

@@ -13,10 +13,11 @@ from __future__ import annotations
 import abc
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 from walkerkit.actuators.fields import choice, direction, names, number
 from walkerkit.actuators.selection import Numbers
+from walkerkit.actuators.wrong_fields import raise_wrong
 
 if TYPE_CHECKING:
     from walkerkit.actuators.actuator import Actuator
@@ -28,6 +29,16 @@ TRANSMISSIONS: tuple[Transmission, ...] = get_args(Transmission)
 @dataclass(frozen=True, kw_only=True)
 class ActuatorCfg(abc.ABC):
     """Anything that `build` makes an actuator of."""
+
+    def __new__(cls, *args: Any, **given: Any) -> Self:
+        """Says of wrong arguments more than Python does, before it looks at them."""
+        if args:
+            raise TypeError(
+                f"{cls.__name__} takes no positional arguments, got {args!r}: name each, as in "
+                f"{cls.__name__}({next(item.name for item in fields(cls) if item.init)}=...)"
+            )
+        raise_wrong(cls, ActuatorCfg, given)
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -7,8 +7,10 @@
         delay_max_lag=5,
     )
 
-Targets are late, feedback is not. Lags are counted in physics steps. A constant delay of the one
-target of a builtin actuator is left to MuJoCo's own `delay`, whose past is filled as ours is.
+Targets are late, feedback is not. Lags are counted in physics steps. Every target that the actuator
+takes is late unless `delay_target` names some of them; each has lags of its own, or all share one
+(`delay_shared`), as on a bus that delays the whole command. A constant delay of the one target of a
+builtin actuator is left to MuJoCo's own `delay`, whose past is filled as ours is.
 """
 
 from __future__ import annotations
@@ -23,8 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import Actuator, Random, Rows, rows_of
 from walkerkit.actuators.builtin import BuiltinActuatorCfg
 from walkerkit.actuators.config import ActuatorCfg
+from walkerkit.actuators.errors import listed
 from walkerkit.actuators.fields import number
-from walkerkit.actuators.laws.lag import DelayLine, LagSchedule
+from walkerkit.actuators.laws.lag import DelayLine, Lags, LagSchedule
 from walkerkit.actuators.native import NativeActuator
 from walkerkit.actuators.simulation import Simulation
 
@@ -34,7 +37,9 @@ IntArray = NDArray[np.intp]
 WORDS = ("position", "velocity", "effort")
 
 
-def _delay_targets(name: str, value: Any) -> tuple[str, ...]:
+def _delay_targets(name: str, value: Any) -> tuple[str, ...] | None:
+    if value is None:
+        return None
     words = tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
     if not words or any(words.count(word) > 1 or word not in WORDS for word in words):
         raise ValueError(f"{name} should be one or several of {list(WORDS)}, got {value!r}")
@@ -47,23 +52,34 @@ class DelayedActuatorCfg(ActuatorCfg):
 
     Attributes:
         base_cfg: the actuator behind the delay.
-        delay_target: which targets are late: `position`, `velocity`, `effort`, or several. Each has
-            a delay line and lags of its own.
+        delay_target: which targets are late: `position`, `velocity`, `effort`, or several; None for
+            all that the actuator takes.
         delay_min_lag: least lag [physics steps].
         delay_max_lag: greatest lag [physics steps].
         delay_hold_prob: probability that a redraw keeps the lag; 1 draws once, at each reset.
         delay_update_period: physics steps between redraws; 0 redraws at each.
+        delay_shared: all of these targets have one lag, so that those of a command stay together;
+            by default each has a delay line with lags of its own.
+        delay_per_env_phase: each simulation redraws at steps of its own, drawn at the reset;
+            by default all that are reset together redraw together.
         seed: of the lags; `reset` may bring its own source.
+
+    Raises:
+        TypeError: `base_cfg` is no config of an actuator without delay.
+        ValueError: the bounds cross, the actuator does not take one of the targets, or there is no
+            period to have a phase in.
     """
 
     base_cfg: ActuatorCfg
-    delay_target: str | tuple[str, ...] = field(
-        default="position", metadata={"check": _delay_targets}
+    delay_target: str | tuple[str, ...] | None = field(
+        default=None, metadata={"check": _delay_targets}
     )
     delay_min_lag: int = number(default=0, at_least=0, whole=True, per_joint=False)
     delay_max_lag: int = number(default=0, at_least=0, whole=True, per_joint=False)
     delay_hold_prob: float = number(default=0.0, at_least=0, at_most=1, per_joint=False)
     delay_update_period: int = number(default=0, at_least=0, whole=True, per_joint=False)
+    delay_shared: bool = False
+    delay_per_env_phase: bool = False
     seed: int = number(default=0, at_least=0, whole=True, per_joint=False)
 
     def check(self) -> None:
@@ -79,6 +95,37 @@ class DelayedActuatorCfg(ActuatorCfg):
                 f"delay_min_lag={self.delay_min_lag} is above delay_max_lag={self.delay_max_lag}: "
                 "raise the latter or lower the former"
             )
+        if self.delay_per_env_phase and (self.delay_update_period < 2 or not self.schedule.wanders):
+            raise ValueError(
+                f"delay_per_env_phase=True with delay_update_period={self.delay_update_period}, "
+                f"delay_hold_prob={self.delay_hold_prob:g} and lags from {self.delay_min_lag} to "
+                f"{self.delay_max_lag}: there are no redraws whose steps could differ; leave it "
+                "out, or give different lags, a period of 2 or more and a probability below 1"
+            )
+        self.words(self.base_cfg.build().takes)
+
+    def words(self, takes: frozenset[str]) -> tuple[str, ...]:
+        """Which targets are late, of those that the actuator behind the delay takes.
+
+        Args:
+            takes: its targets, of `TARGETS`.
+
+        Raises:
+            ValueError: `delay_target` has one that it does not take.
+        """
+        able = tuple(word for word in WORDS if f"{word}_target" in takes)
+        if self.delay_target is None:
+            return able
+        lost = [word for word in self.delay_target if word not in able]
+        if lost:
+            raise ValueError(
+                f"delay_target={self.delay_target!r}: a {type(self.base_cfg).__name__} of "
+                f"{getattr(self.base_cfg, 'joint_names_expr', ())} takes no "
+                f"{' and no '.join(lost)} target that could be late; use delay_target="
+                f"{able if len(able) > 1 else able[0]!r}, or leave it out to delay all that it "
+                "takes"
+            )
+        return tuple(self.delay_target)
 
     @property
     def schedule(self) -> LagSchedule:
@@ -88,6 +135,7 @@ class DelayedActuatorCfg(ActuatorCfg):
             max_lag=self.delay_max_lag,
             hold_prob=self.delay_hold_prob,
             update_period=self.delay_update_period,
+            phase=self.delay_per_env_phase,
         )
 
     @property
@@ -113,6 +161,7 @@ class DelayedActuator(Actuator):
         self.cfg = cfg
         self.base = cfg.base_cfg.build()
         self._lines: dict[str, DelayLine] = {}
+        self._shared: Lags | None = None
         seeds = np.random.SeedSequence(cfg.seed).spawn(len(WORDS))
         self._seeds = dict(zip(WORDS, seeds, strict=True))
         self.native = False
@@ -120,7 +169,7 @@ class DelayedActuator(Actuator):
         if (
             isinstance(base_cfg, BuiltinActuatorCfg)
             and isinstance(self.base, NativeActuator)
-            and cfg.delay_target == (base_cfg.kind,)
+            and cfg.words(self.base.takes) == (base_cfg.kind,)
             and cfg.schedule.constant
             and cfg.delay_max_lag > 0
         ):
@@ -141,16 +190,22 @@ class DelayedActuator(Actuator):
         """As in `Actuator`."""
         self.base.initialize(physics)
         self._checked = None
+        words = self.cfg.words(self.base.takes)
         if self.native:
             return
-        shape = (*self.base.simulation.batch_shape, len(self.base.joint_names))
+        schedule, batch_shape = self.cfg.schedule, self.base.simulation.batch_shape
+        shape = (*batch_shape, len(self.base.joint_names))
         # Each line spawns new seeds: episodes that recompile the model do not repeat their lags.
+        self._shared = (
+            Lags(schedule, batch_shape, self._seeds[words[0]]) if self.cfg.delay_shared else None
+        )
         self._lines = {
-            word: DelayLine(self.cfg.schedule, shape, self._seeds[word])
-            for word in self.cfg.delay_target
+            word: DelayLine(schedule, shape, self._seeds[word], self._shared) for word in words
         }
 
     def _reset(self, rows: Rows, random_state: Random | None) -> None:
+        if self._shared is not None:
+            self._shared.reset(rows, random_state)
         for line in self._lines.values():
             line.reset(rows, random_state)
         self.base._reset(rows, random_state)
@@ -162,6 +217,8 @@ class DelayedActuator(Actuator):
         effort_target: FloatArray | None,
     ) -> FloatArray:
         """As in `Actuator`."""
+        if self._shared is not None and self._shared.wanders:
+            self._shared.step()
         lines = self._lines
         if position_target is not None and "position" in lines:
             position_target = lines["position"].push(position_target)
@@ -182,17 +239,63 @@ class DelayedActuator(Actuator):
         """The delay line of each target that is late; none where MuJoCo runs the delay."""
         return self._lines
 
+    @property
+    def lags(self) -> tuple[Lags, ...]:
+        """The lags of each line, or the one that all of them share; none where MuJoCo delays."""
+        if self._shared is not None:
+            return (self._shared,)
+        return tuple(line.lags for line in self._lines.values())
+
+    @property
+    def shared_lags(self) -> Lags | None:
+        """The lags that all lines share, which go on by one step before each physics step."""
+        return self._shared
+
+    def set_lags(self, lags: ArrayLike, env_ids: ArrayLike | None = None) -> None:
+        """Sets the present lag of every late target, until the next redraw or reset.
+
+        Args:
+            lags: from 0 to `delay_max_lag` [physics steps], a number or (n_ids,).
+            env_ids: as in `reset`.
+
+        Raises:
+            ValueError: a lag is no whole number in these bounds, there are more or fewer of them
+                than simulations, or the delay is a constant one that MuJoCo runs.
+        """
+        most = self.cfg.delay_max_lag
+        if self.native:
+            raise ValueError(
+                f"the lag of {listed(self.joint_names, 4)} is always {most}, and MuJoCo runs the "
+                "delay: give its DelayedActuatorCfg a delay_min_lag below its delay_max_lag, and "
+                "delay_hold_prob=1 to have no lag drawn within an episode"
+            )
+        rows = rows_of(env_ids, self.simulation.batch_shape)
+        shape = self.simulation.batch_shape if rows is None else (len(rows),)
+        given = np.asarray(lags, dtype=np.float64)
+        if given.shape not in ((), shape):
+            raise ValueError(
+                f"lags should be a number or {list(shape)} numbers, got the shape {given.shape}"
+            )
+        if not ((given == np.rint(given)) & (given >= 0) & (given <= most)).all():
+            raise ValueError(
+                f"lags should be whole physics steps from 0 to delay_max_lag={most}, got {lags!r}: "
+                "raise the config's delay_max_lag for longer ones"
+            )
+        for one in self.lags:
+            one.set(given.astype(np.intp), rows)
+
     def lag(self, target: str) -> IntArray:
         """The present lag of a target [physics steps], () or (n_sims,).
 
         Args:
-            target: one of the config's `delay_target`.
+            target: one of those that are late.
 
         Raises:
             KeyError: that target is not delayed.
         """
-        if target not in self.cfg.delay_target:
-            raise KeyError(f"{target!r} is not delayed, {list(self.cfg.delay_target)} are")
+        words = self.cfg.words(self.base.takes)
+        if target not in words:
+            raise KeyError(f"{target!r} is not delayed, {list(words)} are")
         if self.native:
             return np.full(self.simulation.batch_shape, self.cfg.delay_max_lag, dtype=np.intp)
         return self._lines[target].lag
@@ -233,6 +336,11 @@ class DelayedActuator(Actuator):
         return self.base.elements
 
     @property
+    def positions(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self.base.positions
+
+    @property
     def computed_effort(self) -> FloatArray:
         """As in `Actuator`."""
         return self.base.computed_effort
@@ -241,6 +349,15 @@ class DelayedActuator(Actuator):
     def applied_effort(self) -> FloatArray:
         """As in `Actuator`."""
         return self.base.applied_effort
+
+    def reach(self, target: str) -> FloatArray:
+        """As in `Actuator`."""
+        return self.base.reach(target)
+
+    @property
+    def effort_range(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self.base.effort_range
 
     @property
     def holds(self) -> bool:
@@ -263,8 +380,7 @@ class DelayedActuator(Actuator):
         """As in `Actuator`."""
         if name not in self._own():
             return self.base.get(name)
-        line = next(iter(self._lines.values()))
-        bound = np.asarray(line.bounds[name == "delay_max_lag"], dtype=np.float64)
+        bound = np.asarray(self.lags[0].bounds[name == "delay_max_lag"], dtype=np.float64)
         shape = (*self.simulation.batch_shape, len(self.joint_names))
         return np.broadcast_to(bound[..., None], shape).copy()
 
@@ -277,12 +393,12 @@ class DelayedActuator(Actuator):
         given = np.asarray(values, dtype=np.float64)
         steps = np.rint(given[..., 0] if given.ndim else given).astype(np.intp)
         at = ... if rows is None else rows
-        for line in self._lines.values():
-            low, high = line.bounds
+        for lags in self.lags:
+            low, high = lags.bounds
             if name == "delay_min_lag":
-                line.narrow(np.broadcast_to(steps, low[at].shape), high[at], rows)
+                lags.narrow(np.broadcast_to(steps, low[at].shape), high[at], rows)
             else:
-                line.narrow(
+                lags.narrow(
                     np.minimum(low[at], steps), np.broadcast_to(steps, high[at].shape), rows
                 )
 

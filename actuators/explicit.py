@@ -7,14 +7,16 @@ actuator bears can be too much for an explicit one: `initialize` warns where tha
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.actuator import Random, Rows
+from walkerkit.actuators.builtin import IMPLICIT
+from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.general import add_general
@@ -22,6 +24,7 @@ from walkerkit.actuators.laws.dc_motor import DcMotorLaw
 from walkerkit.actuators.laws.law import Law
 from walkerkit.actuators.laws.pd import PdLaw
 from walkerkit.actuators.laws.remotized import RemotizedPdLaw
+from walkerkit.actuators.limits import least, range_behind
 from walkerkit.actuators.selection import Numbers
 from walkerkit.actuators.targeted import TargetedActuator
 
@@ -69,6 +72,8 @@ class DcMotorActuatorCfg(IdealPdActuatorCfg):
     """PD control through a DC motor, which is weaker the faster it turns (`laws.dc_motor`).
 
     Attributes:
+        effort_limit: what it makes for long (continuous torque), needed here and at most
+            `saturation_effort` [N·m; N].
         saturation_effort: what it makes for a moment at standstill (stall torque) [N·m; N].
         velocity_limit: how fast it turns without load [rad/s; m/s].
     """
@@ -76,10 +81,53 @@ class DcMotorActuatorCfg(IdealPdActuatorCfg):
     saturation_effort: Numbers = number(above=0)
     velocity_limit: Numbers = number(above=0)
 
+    def check(self) -> None:
+        """As in `ActuatorCfg`."""
+        check_torques(self.effort_limit, self.saturation_effort)
+
     def law(self, numbers: Mapping[str, FloatArray]) -> Law:
         """As in `ExplicitActuatorCfg`."""
         motor = {name: numbers[name] for name in ("saturation_effort", "velocity_limit")}
         return DcMotorLaw({**pd_parameters(numbers), **motor})
+
+
+def check_torques(continuous: Numbers | None, stall: Numbers) -> None:
+    """Refuses torques that no motor has, or that are in each other's place.
+
+    Args:
+        continuous: `effort_limit`, one number or one per expression.
+        stall: `saturation_effort`.
+
+    Raises:
+        ValueError: one is missing, or a motor makes more for long than for a moment.
+    """
+    if continuous is None:
+        raise ValueError(
+            "effort_limit is missing: while it brakes, the torque–speed line alone lets a motor "
+            "make twice its stall torque and more; give its continuous torque, or "
+            f"effort_limit={stall!r}, the saturation_effort, where the datasheet has none"
+        )
+    for one, more, less in _pairs(continuous, stall):
+        if more > less:
+            where = "" if one is None else f"[{one!r}]"
+            raise ValueError(
+                f"effort_limit{where}={more:g} is above saturation_effort{where}={less:g}: a motor "
+                "makes at most its stall torque (saturation_effort) for a moment and its "
+                "continuous torque (effort_limit) for long; exchange the two, or lower the former"
+            )
+
+
+def _pairs(one: Numbers, other: Numbers) -> Iterator[tuple[str | None, float, float]]:
+    """The numbers that are of the same joints for sure, each with the expression."""
+    if isinstance(one, Mapping):
+        for key, first in one.items():
+            second = other.get(key) if isinstance(other, Mapping) else other
+            if second is not None:
+                yield key, first, second
+    elif isinstance(other, Mapping):
+        yield from ((key, one, second) for key, second in other.items())
+    else:
+        yield None, one, other
 
 
 def _lookup(name: str, value: Any) -> tuple[tuple[float, float], ...]:
@@ -138,6 +186,7 @@ class ExplicitActuator(TargetedActuator):
         self._strength: FloatArray | None = None
         self._efforts: list[FloatArray] = [np.zeros(0), np.zeros(0)]
         self._columns: Any = ...
+        self._behind: FloatArray | None = None
         self.on_change: Callable[[], None] | None = None
         """Is called when parameters have changed, or when efforts are no longer shared."""
 
@@ -146,12 +195,22 @@ class ExplicitActuator(TargetedActuator):
         return add_general(target, self.cfg.transmission, **gear)
 
     def _bind(self) -> None:
-        self._law = self.cfg.law(self._numbers)
+        behind = range_behind(self.simulation.model, self._actuator_ids)
+        self._behind = behind if np.isfinite(behind).any() else None
+        self._law = self.cfg.law(self._within(self._numbers))
         self._law.allocate(self.shape)
         self._strength = None
         self._note(np.zeros(self.shape), np.zeros(self.shape))
         if self.cfg.transmission == "joint" and {"stiffness", "damping"} <= {*self._law.names}:
-            self.warn_unstable(self._law.get("stiffness"), self._law.get("damping"))
+            same = f"BuiltinPdActuatorCfg with {IMPLICIT}" if type(self._law) is PdLaw else None
+            self.warn_unstable(self._law.get("stiffness"), self._law.get("damping"), same)
+
+    def _within(self, numbers: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+        """The config's numbers, with no effort limit above that of the joint."""
+        if self._behind is None or "effort_limit" not in {item.name for item in fields(self.cfg)}:
+            return numbers
+        behind = np.abs(self._behind).max(axis=1)
+        return {**numbers, "effort_limit": np.minimum(numbers.get("effort_limit", behind), behind)}
 
     def control(
         self,
@@ -196,8 +255,8 @@ class ExplicitActuator(TargetedActuator):
 
     @property
     def takes(self) -> frozenset[str]:
-        """As in `Actuator`."""
-        return self.law.takes
+        """As in `Actuator`; until it knows its physics, whatever a law may take."""
+        return frozenset(TARGETS) if self._law is None else self._law.takes
 
     @property
     def needs(self) -> frozenset[str]:
@@ -217,7 +276,26 @@ class ExplicitActuator(TargetedActuator):
     @property
     def applied_effort(self) -> FloatArray:
         """As in `Actuator`."""
-        return np.array(self._efforts[1][self._columns])
+        applied = np.array(self._efforts[1][self._columns])
+        if self._behind is not None:
+            np.clip(applied, self._behind[:, 0], self._behind[:, 1], out=applied)
+        return applied
+
+    def _asked(self, target: str) -> FloatArray:
+        if target == "effort_target":
+            return self.effort_range
+        limit = self._limit("velocity_limit") if target == "velocity_target" else np.inf
+        return limit * np.tile([-1.0, 1.0], (len(self.joint_names), 1))
+
+    @property
+    def effort_range(self) -> FloatArray:
+        """As in `Actuator`."""
+        own = self._limit("effort_limit") * np.tile([-1.0, 1.0], (len(self.joint_names), 1))
+        return own if self._behind is None else least(own, self._behind)
+
+    def _limit(self, name: str) -> Any:
+        """One of the law's limits as configured, (n_joints, 1), or an infinite one."""
+        return self.nominal(name)[:, None] if name in self.parameters else np.inf
 
     def _reset(self, rows: Rows, random_state: Random | None) -> None:
         del random_state

@@ -11,7 +11,7 @@ Its arrays have one column per joint, of all its actuators together, in kinemati
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import Actuator, Random
 from walkerkit.actuators.command import TARGETS, ActuatorCmd
 from walkerkit.actuators.config import TRANSMISSIONS, ActuatorCfg
+from walkerkit.actuators.errors import listed
 from walkerkit.actuators.joined import Joined, joined
+from walkerkit.actuators.selection import narrowed
 from walkerkit.actuators.simulation import Simulation, indexer, last_axis
 from walkerkit.actuators.targeted import in_kinematic_order
 
@@ -29,6 +31,12 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+
+
+_NO_JOINTS = (
+    "the actuators have no joints yet: call edit_mjcf(root) before the model is compiled, then "
+    "initialize(physics)"
+)
 
 
 class ActuatorGroup:
@@ -55,6 +63,7 @@ class ActuatorGroup:
         self.cfgs = configs
         self.actuators: tuple[Actuator, ...] = tuple(cfg.build() for cfg in configs)
         self._joint_names: tuple[str, ...] = ()
+        self._driven: tuple[Any, ...] = ()
         self._columns: tuple[Any, ...] = ()
         self._single = len(configs) == 1
         self._last: ActuatorCmd | None = None
@@ -76,18 +85,14 @@ class ActuatorGroup:
         Raises:
             ValueError: as `Actuator.edit_mjcf`, or two configs claim one joint.
         """
-        claimed: dict[int, tuple[Any, ActuatorCfg]] = {}
         targets = [actuator.targets(root) for actuator in self.actuators]
-        for mine, cfg in zip(targets, self.cfgs, strict=True):
-            for target in mine:
-                other = claimed.get(id(target))
-                if other is not None:
-                    name = target.prefixed_identifier(prefix_root=root.namescope)
-                    raise ValueError(
-                        f"{target.spec.namespace} {name!r} is claimed by {_named(other[1])} and "
-                        f"by {_named(cfg)}: make one of the expressions narrower"
+        for i, mine in enumerate(targets):
+            for other in range(i):
+                twice = [one for one in mine if any(one is its for its in targets[other])]
+                if twice:
+                    raise _claimed_twice(
+                        root, twice, *((self.cfgs[k], targets[k]) for k in (other, i))
                     )
-                claimed[id(target)] = target, cfg
         for actuator in self.actuators:
             actuator.edit_mjcf(root)
         # By the element and not by its name: a tendon may have the name of a joint.
@@ -105,6 +110,12 @@ class ActuatorGroup:
         }
         at = {place: i for i, place in enumerate(sorted(named))}
         self._joint_names = tuple(named[place] for place in at)
+        driven = {
+            place: one
+            for m, r in zip(targets, ranks, strict=True)
+            for one, place in zip(m, r, strict=True)
+        }
+        self._driven = tuple(driven[place] for place in at)
         self._order = tuple(
             np.array([at[place] for place in mine], dtype=np.intp) for mine in ranks
         )
@@ -206,17 +217,47 @@ class ActuatorGroup:
     def simulation(self) -> Simulation:
         """What they were initialized with."""
         if self._simulation is None:
-            raise RuntimeError("call initialize(physics) after the model was compiled")
+            raise self._unknown()
         return self._simulation
+
+    def _unknown(self) -> RuntimeError:
+        """The error for who asks before they know their physics."""
+        return RuntimeError(
+            "call initialize(physics) after the model was compiled"
+            if self._joint_names
+            else _NO_JOINTS
+        )
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of all joints, in kinematic order."""
+        """Names of all joints, in kinematic order.
+
+        Raises:
+            RuntimeError: `edit_mjcf` was not called yet, here and in what follows.
+        """
+        if not self._joint_names:
+            raise RuntimeError(_NO_JOINTS)
         return self._joint_names
 
     @property
+    def driven(self) -> tuple[Any, ...]:
+        """The joints (tendons, sites) themselves, in the order of `joint_names`."""
+        if not self._joint_names:
+            raise RuntimeError(_NO_JOINTS)
+        return self._driven
+
+    @property
+    def positions(self) -> FloatArray:
+        """Where the joints are [rad; m], (..., n_joints), a copy."""
+        return self._gather([actuator.positions for actuator in self.actuators])
+
+    @property
     def joint_ids(self) -> IntArray:
-        """Ids of all joints in the compiled model, (n_joints,)."""
+        """Ids of all joints in the compiled model, (n_joints,).
+
+        Raises:
+            RuntimeError: they do not know their physics yet, here and in what follows.
+        """
         return self._gather([actuator.joint_ids for actuator in self.actuators]).astype(np.intp)
 
     @property
@@ -233,7 +274,7 @@ class ActuatorGroup:
     @property
     def elements(self) -> tuple[Any, ...]:
         """MuJoCo's actuators, in the order of `joint_names`."""
-        every: list[Any] = [None] * len(self._joint_names)
+        every: list[Any] = [None] * len(self.joint_names)
         for actuator, order in zip(self.actuators, self._order, strict=True):
             for place, element in zip(order, actuator.elements, strict=True):
                 every[int(place)] = element
@@ -249,7 +290,29 @@ class ActuatorGroup:
         """What was left of it after the limits [N·m; N]."""
         return self._gather([actuator.applied_effort for actuator in self.actuators])
 
+    def reach(self, target: str) -> FloatArray:
+        """What each joint can be asked for, as `Actuator.reach`, (n_joints, 2).
+
+        Args:
+            target: of `TARGETS`.
+        """
+        return self._ranges([actuator.reach(target) for actuator in self.actuators])
+
+    @property
+    def effort_range(self) -> FloatArray:
+        """What acts on each joint at least and at most [N·m; N], as `Actuator`, (n_joints, 2)."""
+        return self._ranges([actuator.effort_range for actuator in self.actuators])
+
+    def _ranges(self, parts: list[FloatArray]) -> FloatArray:
+        """Ranges of each actuator's joints, in the order of `joint_names`."""
+        every = np.empty((len(self._joint_names), 2))
+        for part, order in zip(parts, self._order, strict=True):
+            every[order] = part
+        return every
+
     def _gather(self, parts: list[NDArray[Any]]) -> NDArray[Any]:
+        if self._simulation is None:
+            raise self._unknown()
         every = np.empty((*parts[0].shape[:-1], len(self._joint_names)), dtype=parts[0].dtype)
         for part, columns in zip(parts, self._columns, strict=True):
             every[..., columns] = part
@@ -261,6 +324,28 @@ def _without(cmd: ActuatorCmd, names: frozenset[str]) -> ActuatorCmd:
     for name in names:
         object.__setattr__(cmd, name, None)
     return cmd
+
+
+def _claimed_twice(
+    root: mjcf.RootElement, twice: Sequence[Any], *claims: tuple[ActuatorCfg, Sequence[Any]]
+) -> ValueError:
+    """The error for joints that two configs claim, with the expressions that mend it."""
+
+    def names(elements: Sequence[Any]) -> list[str]:
+        return [one.prefixed_identifier(prefix_root=root.namescope) for one in elements]
+
+    one, other = (cfg for cfg, _ in claims)
+    wider, its = max(claims, key=lambda claim: len(claim[1]))  # the first of two alike
+    rest = narrowed(getattr(wider, "joint_names_expr", ()), names(its), names(twice))
+    remedy = (
+        f"make the {'first' if wider is one else 'second'} narrower, joint_names_expr={rest}"
+        if rest
+        else "leave one of the two out"
+    )
+    return ValueError(
+        f"{twice[0].spec.namespace} {listed(names(twice))} is claimed by {_named(one)} and by "
+        f"{_named(other)}: {remedy}"
+    )
 
 
 def _named(cfg: ActuatorCfg) -> str:

@@ -111,6 +111,13 @@ class Joined:
             ]
             for word in WORDS
         )
+        self._lags = tuple(
+            actuator.shared_lags
+            for actuator in self._actuators
+            if isinstance(actuator, DelayedActuator)
+            and actuator.shared_lags is not None
+            and actuator.shared_lags.wanders
+        )
         self._taken: dict[tuple[bool, ...], Targets] = {}
         self._given: Targets = None, None, None
         self._late: list[_Late] = []
@@ -132,6 +139,8 @@ class Joined:
             self._join()
         if cmd is not self._cmd:
             self._take(cmd)
+        for lags in self._lags:
+            lags.step()
         if self._late:
             self._late = [late for late in self._late if not late.move()]
         q = self._q if self._q_at is None else self._q[self._q_at]

@@ -8,7 +8,7 @@ expressions.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from walkerkit.actuators.errors import closest, listed
 FloatArray = NDArray[np.float64]
 Numbers = float | Mapping[str, float]
 """One number for all joints, or one per expression."""
+_FLAGS = re.compile(r"((?:\(\?[aiLmsux]+\))?)(.*)", re.DOTALL)
+"""Flags of a whole expression, which stand in front of it."""
 
 
 def select(
@@ -50,6 +52,33 @@ def select(
                 )
             claimed[i] = expression
     return tuple(sorted(claimed))
+
+
+def narrowed(
+    expressions: Sequence[str], names: Sequence[str], excluded: Collection[str]
+) -> tuple[str, ...]:
+    """Expressions that match what the given ones match, but for some names.
+
+    Args:
+        expressions: full-match regular expressions.
+        names: what they can match.
+        excluded: names that they are to leave out.
+
+    Returns:
+        As few of them changed as possible; none at all where nothing is left to match.
+    """
+    left = []
+    for expression in expressions:
+        pattern = re.compile(expression)
+        matched = [name for name in names if pattern.fullmatch(name)]
+        lost = [name for name in matched if name in excluded]
+        if not lost:
+            left.append(expression)
+        elif len(lost) < len(matched):
+            flags, body = _FLAGS.fullmatch(expression).groups()  # type: ignore[union-attr]
+            body = f"(?:{body})" if "|" in body else body
+            left.append(f"{flags}(?!(?:{'|'.join(map(re.escape, lost))})$){body}")
+    return tuple(left)
 
 
 def per_joint(value: Numbers, names: Sequence[str], *, field: str) -> FloatArray:

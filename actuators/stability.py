@@ -12,10 +12,14 @@ has both roots inside the unit circle (Jury's criterion) just when
 the second of which is h ω < −2ζ + 2 √(ζ² + 1) with ω² = kp/I and ζ = kd/(2 I ω). Damping b of the
 joint itself, which MuJoCo integrates implicitly, puts I + h b for I and kd + b for kd, so that kd
 may be larger by b.
+
+Solved for h and for I these are the timestep and the armature that would do. An actuator of
+MuJoCo's under `implicitfast` bears any kd, and any kp with h ω < 2ζ + 2 √(ζ² + 1).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import mujoco
@@ -23,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+_WITHIN = 0.98  # of a bound, so that the digits that are told are within it as well
 
 
 def joint_inertia(model: mujoco.MjModel, dofs: NDArray[np.intp]) -> FloatArray:
@@ -69,6 +74,7 @@ def unstable_gains(
     dofs: NDArray[np.intp],
     stiffness: FloatArray,
     damping: FloatArray,
+    implicit: str | None,
 ) -> list[str]:
     """A sentence for each joint whose gains are beyond what its timestep bears.
 
@@ -81,6 +87,7 @@ def unstable_gains(
         dofs: their degrees of freedom, (n_joints,).
         stiffness: kp [N·m/rad; N/m], (n_joints,).
         damping: kd [N·m·s/rad; N·s/m], (n_joints,).
+        implicit: what has the same law integrated implicitly; None where nothing has it.
     """
     timestep = float(model.opt.timestep)
     own = model.dof_damping[dofs]
@@ -99,7 +106,24 @@ def unstable_gains(
             continue
         problems.append(
             f"joint {name!r}: {what}, the bound of explicit integration at inertia "
-            f"{inertia[i]:.3g} kg·m² and timestep {timestep:g} s; use BuiltinPdActuatorCfg with "
-            'the integrator "implicitfast", a shorter timestep, or smaller gains'
+            f"{inertia[i]:.3g} kg·m² and timestep {timestep:g} s; "
+            + _remedy(float(inertia[i]), timestep, kp, kd, float(own[i]), implicit)
         )
     return problems
+
+
+def _remedy(
+    inertia: float, timestep: float, kp: float, kd: float, own: float, implicit: str | None
+) -> str:
+    """What mends it, of which each is enough by itself."""
+    net = kd - own
+    longest = 2 * inertia / net if net > 0 else math.inf
+    if kp > 0:
+        longest = min(longest, (math.sqrt(net**2 + 4 * inertia * kp) - net) / kp)
+    shorter = f"a timestep of {_WITHIN * longest:.3g} s"
+    if implicit is not None and kp < 4 * inertia / timestep**2 + 2 * (kd + own) / timestep:
+        return f"use {implicit}, {shorter}, or smaller gains"
+    needed = max(net * timestep / 2, kp * timestep**2 / 4 + net * timestep / 2)
+    heavier = f"armature, if its motor has it ({(needed - inertia) / _WITHIN:.3g} kg·m² more)"
+    why = ": no integrator helps a law that runs in Python" if implicit is None else ""
+    return f"use {shorter}, more {heavier}, or smaller gains{why}"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from walkerkit.actuators.actuator import Random, Rows
 from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.limits import mapped, range_behind, unlimited
 from walkerkit.actuators.native import NativeActuator
 
 FloatArray = NDArray[np.float64]
@@ -31,6 +32,7 @@ class StatefulActuator(NativeActuator):
         self._act_ids: IntArray = np.zeros((0, 0), dtype=np.intp)
         self._out_ids: IntArray = np.zeros(0, dtype=np.intp)
         self._force: FloatArray = np.zeros(0)
+        self._behind: FloatArray = unlimited(0)
 
     @property
     @abc.abstractmethod
@@ -45,6 +47,7 @@ class StatefulActuator(NativeActuator):
         # Forces have places of their own: some actuators of MuJoCo have several.
         self._out_ids = np.asarray(model.actuator_outadr[ids], dtype=np.intp)
         self._force = self.simulation.state("actuator_force")
+        self._behind = mapped(range_behind(model, ids), self._gear)
 
     def _reset(self, rows: Rows, random_state: Random | None) -> None:
         super()._reset(rows, random_state)
@@ -59,5 +62,6 @@ class StatefulActuator(NativeActuator):
 
     @property
     def applied_effort(self) -> FloatArray:
-        """What MuJoCo made in the last physics step [N·m; N]."""
-        return np.asarray(self._gear * self._force[..., self._out_ids])
+        """What MuJoCo made in the last physics step, and the joint let through [N·m; N]."""
+        made = self._gear * self._force[..., self._out_ids]
+        return np.clip(made, self._behind[:, 0], self._behind[:, 1])

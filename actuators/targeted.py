@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import Actuator, Rows, rows_of, unknown_parameter
 from walkerkit.actuators.config import JOINT_ATTRIBUTES, TargetedActuatorCfg
 from walkerkit.actuators.errors import listed
+from walkerkit.actuators.limits import least, length_range
 from walkerkit.actuators.selection import per_joint, select
 from walkerkit.actuators.simulation import Simulation, viewed
 from walkerkit.actuators.stability import unstable_gains
@@ -29,6 +30,8 @@ _OBJECT = {
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
     "site": mujoco.mjtObj.mjOBJ_SITE,
 }
+_REFERENCES = {"joint": "joint", "jointinparent": "joint", "tendon": "tendon", "site": "site"}
+"""Attributes of an actuator that say what it drives, and the kinds of these."""
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _MODEL_FIELD = {
     "joint": {
@@ -93,6 +96,10 @@ class TargetedActuator(Actuator):
     @abc.abstractmethod
     def _write(self, name: str, values: FloatArray, rows: Rows) -> None:
         """Changes one of the law's own parameters."""
+
+    @abc.abstractmethod
+    def _asked(self, target: str) -> FloatArray:
+        """`reach` as the law and the control have it, (n_joints, 2)."""
 
     # Lifecycle.
 
@@ -200,15 +207,20 @@ class TargetedActuator(Actuator):
             }
             self._nominal_of = model
 
-    def warn_unstable(self, stiffness: FloatArray, damping: FloatArray) -> None:
+    def warn_unstable(
+        self, stiffness: FloatArray, damping: FloatArray, implicit: str | None
+    ) -> None:
         """Warns of gains that explicit integration does not bear.
 
         Args:
             stiffness: kp [N·m/rad; N/m], (n_joints,).
             damping: kd [N·m·s/rad; N·s/m], (n_joints,).
+            implicit: as in `unstable_gains`.
         """
-        model = self.simulation.model
-        for problem in unstable_gains(model, self._joint_names, self._places, stiffness, damping):
+        model, places = self.simulation.model, self._places
+        for problem in unstable_gains(
+            model, self._joint_names, places, stiffness, damping, implicit
+        ):
             warnings.warn(problem, UserWarning, stacklevel=2)
 
     # State and properties.
@@ -219,14 +231,32 @@ class TargetedActuator(Actuator):
         return (q if at is None else q[at]), (qd if dof is None else qd[dof])
 
     @property
+    def positions(self) -> FloatArray:
+        """As in `Actuator`."""
+        return self.state()[0]
+
+    def reach(self, target: str) -> FloatArray:
+        """As in `Actuator`."""
+        asked = self._asked(target)
+        if target != "position_target":
+            return asked
+        model = self.simulation.model
+        return least(asked, length_range(model, self.cfg.transmission, self._joint_ids))
+
+    @property
     def simulation(self) -> Simulation:
         """As in `Actuator`."""
         if self._simulation is None:
-            raise RuntimeError(
-                f"the actuator of {self.cfg.joint_names_expr} does not know its physics: call "
-                "initialize(physics) after the model was compiled"
-            )
+            raise self._unknown()
         return self._simulation
+
+    def _unknown(self) -> RuntimeError:
+        """The error for who asks before it knows its physics."""
+        first = "" if self._elements else "edit_mjcf(root) before the model is compiled, then "
+        return RuntimeError(
+            f"the actuator of {self.cfg.joint_names_expr} does not know its physics: call "
+            f"{first}initialize(physics) after the model was compiled"
+        )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -241,12 +271,18 @@ class TargetedActuator(Actuator):
     @property
     def joint_ids(self) -> IntArray:
         """As in `Actuator`."""
-        return self._joint_ids
+        return self._known(self._joint_ids)
 
     @property
     def ctrl_ids(self) -> IntArray:
         """As in `Actuator`."""
-        return self._ctrl_ids
+        return self._known(self._ctrl_ids)
+
+    def _known(self, ids: IntArray) -> IntArray:
+        """The ids, once there is a model that they are of."""
+        if self._simulation is None:
+            raise self._unknown()
+        return ids
 
     @property
     def elements(self) -> tuple[Any, ...]:
@@ -308,11 +344,15 @@ def actuators_of(target: mjcf.Element) -> list[Any]:
     return [
         element
         for element in target.root.root_model.find_all("actuator")
-        if any(
-            getattr(element, reference, None) is target
-            for reference in ("joint", "jointinparent", "tendon", "site")
-        )
+        if any(_refers(element, reference, target) for reference in _REFERENCES)
     ]
+
+
+def _refers(element: mjcf.Element, reference: str, target: mjcf.Element) -> bool:
+    value = getattr(element, reference, None)
+    if isinstance(value, str):  # as it stays where it was given by name
+        value = element.root.find(_REFERENCES[reference], value)
+    return value is target
 
 
 def element_ids(

@@ -1,6 +1,7 @@
 """Actuators that the robot's XML already has, taken over as they are.
 
-    XmlPositionActuatorCfg(joint_names_expr=("hip_joint",))
+    XmlActuatorCfg(joint_names_expr=("hip_joint",))            # whatever it is
+    XmlPositionActuatorCfg(joint_names_expr=("knee_joint",))   # refused if it is something else
 
 Targets are in units of the joint. Gears and affine scaling, as of dm_control's scaled actuators,
 are read from the compiled model and undone; a control that the XML limits stays limited.
@@ -9,6 +10,7 @@ Where its gains were mended they say no longer what a control means; `slope` and
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
@@ -30,14 +32,17 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class XmlActuatorCfg(TargetedActuatorCfg):
-    """A config that takes over the one actuator that each of its joints has.
+    """Takes over the one actuator that each of its joints has, all of one kind.
+
+    The kind is found when the model is compiled: whether they take a position, a velocity or an
+    effort. The three configs below also say which it has to be.
 
     Attributes:
         slope: control per unit of target; None to read it, and `offset`, from the XML.
         offset: control at a target of zero.
     """
 
-    kind: ClassVar[Kind]
+    kind: ClassVar[Kind] = "unknown"
     slope: Numbers | None = number(default=None)
     offset: Numbers | None = number(default=None)
 
@@ -113,6 +118,8 @@ class XmlActuator(AffineActuator):
         return found[0]
 
     def _scale(self, model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
+        if self.cfg.kind == "unknown":
+            self._kind = self._found(model)
         if "slope" in self._numbers:
             return self._numbers["slope"], self._numbers["offset"]
         drives = [
@@ -127,24 +134,44 @@ class XmlActuator(AffineActuator):
             offset = offset - self._bias0[:, 0] / self._gain0
         return slope, offset
 
-    def _drive(self, model: mujoco.MjModel, name: str, actuator: int, bias: float) -> Drive:
+    def _found(self, model: mujoco.MjModel) -> Kind:
+        """The one kind of all its actuators."""
+        kinds: dict[Kind, list[str]] = {}
+        for name, actuator in zip(self.joint_names, self._actuator_ids, strict=True):
+            kinds.setdefault(self._read_drive(model, name, int(actuator)).kind, []).append(name)
+        if len(kinds) > 1:
+            of_kind = "; ".join(
+                f"{_A[kind]}: {_CONFIG[kind]}(joint_names_expr={tuple(map(re.escape, names))})"
+                for kind, names in kinds.items()
+            )
+            raise ValueError(
+                f"joint_names_expr={self.cfg.joint_names_expr}: their actuators take targets of "
+                f"several kinds; use a config for each, {of_kind}"
+            )
+        return next(iter(kinds))
+
+    def _read_drive(self, model: mujoco.MjModel, name: str, actuator: int) -> Drive:
         drive = read_drive(model, actuator)
-        which = f"joint_names_expr={self.cfg.joint_names_expr}: the actuator of {name!r}"
         if drive is None:
             raise ValueError(
-                f"{which} has a law that is not affine in its control: leave the joint out, or "
-                "replace its actuator"
+                f"joint_names_expr={self.cfg.joint_names_expr}: the actuator of {name!r} has a law "
+                "that is not affine in its control: leave the joint out, or replace its actuator"
             )
-        if drive.kind != self.cfg.kind:
+        return drive
+
+    def _drive(self, model: mujoco.MjModel, name: str, actuator: int, bias: float) -> Drive:
+        drive = self._read_drive(model, name, actuator)
+        which = f"joint_names_expr={self.cfg.joint_names_expr}: the actuator of {name!r}"
+        if drive.kind != self._kind:
             raise ValueError(
                 f"{which} takes {_A[drive.kind]}, this config {_A[self.cfg.kind]}: use "
                 f"{_CONFIG[drive.kind]}"
             )
         if drive.kind == "effort" and bias and getattr(self.cfg, "bias", None) is None:
             raise ValueError(
-                f"{which} has a constant bias of {bias:g}: say bias='offset' if it only shifts the "
-                "control, as where an effort range was mapped onto it, or bias='effort' if the "
-                "drive makes it besides"
+                f"{which} has a constant bias of {bias:g}: use XmlMotorActuatorCfg and say "
+                "bias='offset' if it only shifts the control, as where an effort range was mapped "
+                "onto it, or bias='effort' if the drive makes it besides"
             )
         return drive
 

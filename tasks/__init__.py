@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from walkerkit.tasks import suite
+    from walkerkit.tasks.bounds import with_bounds
     from walkerkit.tasks.falls import FallLimits
     from walkerkit.tasks.stand import Stand
     from walkerkit.tasks.track_joints import TrackJoints
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
         JointEffortAction,
         JointPositionAction,
         JointVelocityAction,
+        RelativeJointPositionAction,
     )
 
 # dm_control looks for a display as soon as it is imported, so it waits for who asks for a task.
@@ -29,9 +31,11 @@ _HOMES = {
     "JointEffortAction": "walkers.actions",
     "JointPositionAction": "walkers.actions",
     "JointVelocityAction": "walkers.actions",
+    "RelativeJointPositionAction": "walkers.actions",
     "Stand": "tasks.stand",
     "TrackJoints": "tasks.track_joints",
     "TrackVelocity": "tasks.track_velocity",
+    "with_bounds": "tasks.bounds",
 }
 
 __all__ = [
@@ -40,10 +44,12 @@ __all__ = [
     "JointEffortAction",
     "JointPositionAction",
     "JointVelocityAction",
+    "RelativeJointPositionAction",
     "Stand",
     "TrackJoints",
     "TrackVelocity",
     "suite",
+    "with_bounds",
 ]
 
 
@@ -54,3 +60,8 @@ def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f"walkerkit.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """What the module has by now, and what it has for who asks."""
+    return sorted({*globals(), *__all__})

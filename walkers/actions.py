@@ -1,17 +1,19 @@
-"""Action terms: how a policy's normalised action becomes the command of a walker's actuators.
+"""Action terms: how a policy's action becomes the command of a walker's actuators.
 
-    JointPositionAction(joint_names_expr=(".*_hip", ".*_knee"), scale=0.5)
+    JointPositionAction(joint_names_expr=(".*_hip", ".*_knee"), scale=0.5, clip=(-1.0, 1.0))
 
-asks for the default pose plus half a radian at most. An action is in [-1, 1]; what lies outside is
-clipped to it, and one that is not finite is refused. Several terms share an action, one after the
-other; joints that no term moves are asked for their default pose.
+asks for the default pose plus half a radian per unit of action, between -1 and 1 rad. Without
+`clip` nothing bounds the target: policies that others trained ask for more than one unit. Only
+`FullRangeAction`, the default, takes actions in [-1, 1] and clips what lies outside. An action that
+is not finite is refused. Several terms share an action, one after the other; joints that no term
+moves are asked for their default pose.
 """
 
 from __future__ import annotations
 
 import abc
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from itertools import groupby
 from typing import Any, ClassVar
 
@@ -19,83 +21,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators import ActuatorCmd
+from walkerkit.actuators.errors import listed
 from walkerkit.actuators.fields import names, number
-from walkerkit.actuators.selection import Numbers, per_joint, select
+from walkerkit.actuators.selection import Numbers, narrowed, per_joint, select
+from walkerkit.walkers.terms import ActionTerm, BoundTerm, Joints, checked_action
 
 FloatArray = NDArray[np.float64]
 
+__all__ = [
+    "ActionTerm",
+    "BoundTerm",
+    "Commander",
+    "FullRangeAction",
+    "JointEffortAction",
+    "JointPositionAction",
+    "JointVelocityAction",
+    "Joints",
+    "RelativeJointPositionAction",
+    "checked_action",
+]
+
 _DEFAULT_SPEED = 10.0  # rad/s or m/s, where no actuator states a limit
 _DEFAULT_EFFORT = 1.0  # N·m or N
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Joints:
-    """What action terms know of the joints that a walker actuates.
-
-    Attributes:
-        names: their names, in the order of the command.
-        default: default pose [rad; m], (n_joints,).
-        ranges: lower and upper position [rad; m], (n_joints, 2), infinite where there is none.
-        takes: the targets that each one's actuator can follow.
-        speeds: no-load speeds [rad/s; m/s], (n_joints,), infinite where none is stated.
-        efforts: effort limits [N·m; N], (n_joints,), infinite where none is stated.
-    """
-
-    names: tuple[str, ...]
-    default: FloatArray
-    ranges: FloatArray
-    takes: tuple[frozenset[str], ...]
-    speeds: FloatArray
-    efforts: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BoundTerm:
-    """A term made ready for the joints of one walker: target = offset + scale · action.
-
-    Attributes:
-        names: what each number of the action moves.
-        target: which target it sets.
-        columns: of these joints in the command.
-        scale: target per unit of action.
-        offset: target at an action of zero.
-        low: least target.
-        high: greatest target.
-    """
-
-    names: tuple[str, ...]
-    target: str
-    columns: NDArray[np.intp]
-    scale: FloatArray
-    offset: FloatArray
-    low: FloatArray
-    high: FloatArray
-
-    def targets(self, action: FloatArray) -> FloatArray:
-        """The targets that an action in [-1, 1] asks for, (n,)."""
-        targets = self.scale * action
-        targets += self.offset
-        # A fraction of what np.clip takes, which counts at every control step.
-        np.maximum(targets, self.low, out=targets)
-        return np.minimum(targets, self.high, out=targets)
-
-    def action(self, targets: FloatArray) -> FloatArray:
-        """The action that asks for these targets, (n,); zero where none makes a difference."""
-        moves = self.scale != 0
-        return np.where(moves, (targets - self.offset) / np.where(moves, self.scale, 1.0), 0.0)
-
-
-class ActionTerm(abc.ABC):
-    """A part of the action that sets one kind of target."""
-
-    @abc.abstractmethod
-    def bind(self, joints: Joints) -> Sequence[BoundTerm]:
-        """Makes it ready for a walker.
-
-        Raises:
-            ValueError: an expression matches none of the joints, or a joint's actuator cannot
-                follow such a target.
-        """
 
 
 def _clip(name: str, value: Any) -> Any:
@@ -121,7 +68,8 @@ class JointAction(ActionTerm):
         joint_names_expr: full-match regular expressions of the joints that it moves.
         scale: target per unit of action [rad, rad/s or N·m; m, m/s or N], or {expression: number}.
         offset: target at an action of zero, or {expression: number}.
-        clip: (low, high) bounds of the target, or {expression: (low, high)}; None for none.
+        clip: (low, high) bounds of offset + scale · action, or {expression: (low, high)}; None for
+            none.
     """
 
     target: ClassVar[str]
@@ -138,8 +86,8 @@ class JointAction(ActionTerm):
                 value = item.metadata["check"](item.name, getattr(self, item.name))
                 object.__setattr__(self, item.name, value)
 
-    def bind(self, joints: Joints) -> Sequence[BoundTerm]:
-        """As in `ActionTerm`."""
+    def _bound(self, joints: Joints) -> BoundTerm:
+        """The term for these joints, without what is special of a kind."""
         chosen = select(self.joint_names_expr, joints.names)
         moved = tuple(joints.names[i] for i in chosen)
         for i, name in zip(chosen, moved, strict=True):
@@ -151,16 +99,14 @@ class JointAction(ActionTerm):
                 )
         columns = np.array(chosen, dtype=np.intp)
         low, high = self._bounds(moved)
-        return (
-            BoundTerm(
-                names=moved,
-                target=self.target,
-                columns=columns,
-                scale=per_joint(self.scale, moved, field="scale"),
-                offset=per_joint(self.offset, moved, field="offset") + self._start(joints)[columns],
-                low=low,
-                high=high,
-            ),
+        return BoundTerm(
+            names=moved,
+            target=self.target,
+            columns=columns,
+            scale=per_joint(self.scale, moved, field="scale"),
+            offset=per_joint(self.offset, moved, field="offset") + self._start(joints)[columns],
+            low=low,
+            high=high,
         )
 
     def _bounds(self, moved: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
@@ -183,13 +129,41 @@ class JointPositionAction(JointAction):
 
     Attributes:
         use_default_offset: count the offset from the default pose, rather than from zero.
+        encoder_bias: how much more than its position the encoder of a joint reads [rad; m], or
+            {expression: bias}. The target is what the encoder is to read, so the joint is asked for
+            that much less.
     """
 
     target: ClassVar[str] = "position_target"
     use_default_offset: bool = True
+    encoder_bias: Numbers = number(default=0.0)
+
+    def bind(self, joints: Joints) -> Sequence[BoundTerm]:
+        """As in `ActionTerm`."""
+        term = self._bound(joints)
+        bias = per_joint(self.encoder_bias, term.names, field="encoder_bias")
+        return (replace(term, bias=bias) if bias.any() else term,)
 
     def _start(self, joints: Joints) -> FloatArray:
         return joints.default if self.use_default_offset else np.zeros(len(joints.names))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelativeJointPositionAction(JointAction):
+    """Sets position targets that are counted from where the joints are [rad; m].
+
+    target = q + clip(offset + scale · action), with the position q before each physics step, as
+    Isaac Lab and mjlab have it: the action says how hard the drive pulls, not where it ends.
+    """
+
+    target: ClassVar[str] = "position_target"
+
+    def bind(self, joints: Joints) -> Sequence[BoundTerm]:
+        """As in `ActionTerm`."""
+        return (replace(self._bound(joints), relative=True),)
+
+    def _start(self, joints: Joints) -> FloatArray:
+        return np.zeros(len(joints.names))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,6 +171,10 @@ class JointVelocityAction(JointAction):
     """Sets velocity targets [rad/s; m/s]."""
 
     target: ClassVar[str] = "velocity_target"
+
+    def bind(self, joints: Joints) -> Sequence[BoundTerm]:
+        """As in `ActionTerm`."""
+        return (self._bound(joints),)
 
     def _start(self, joints: Joints) -> FloatArray:
         return np.zeros(len(joints.names))
@@ -208,6 +186,10 @@ class JointEffortAction(JointAction):
 
     target: ClassVar[str] = "effort_target"
 
+    def bind(self, joints: Joints) -> Sequence[BoundTerm]:
+        """As in `ActionTerm`."""
+        return (self._bound(joints),)
+
     def _start(self, joints: Joints) -> FloatArray:
         return np.zeros(len(joints.names))
 
@@ -215,9 +197,11 @@ class JointEffortAction(JointAction):
 class FullRangeAction(ActionTerm):
     """One number per joint, in kinematic order, that spans all that the joint can do; the default.
 
-    A position target where the actuator follows one, from end to end of the joint's range (±π about
-    the default pose where it has none); else a velocity target within ± its no-load speed (10 rad/s
-    where none is stated); else an effort target within ± its limit (1 N·m where none is stated).
+    A position target where the actuator follows one, else a velocity target, else an effort target:
+    from the least to the greatest that file and config let it be asked for (`Actuator.reach`). What
+    is outside is clipped. Where a builtin motor or velocity drive states nothing, the actuator of
+    the file counts that it replaced. Where nothing is stated at all, the span is ±π about the
+    default pose, ±10 rad/s or ±1 N·m.
     """
 
     def bind(self, joints: Joints) -> Sequence[BoundTerm]:
@@ -237,24 +221,20 @@ class FullRangeAction(ActionTerm):
                     offset=(high + low) / 2,
                     low=low,
                     high=high,
+                    normalised=True,
                 )
             )
         return terms
 
     @staticmethod
     def _span(joints: Joints, target: str, at: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        low, high = joints.reach[target][at].T
+        middle: FloatArray | float = 0.0
+        half = _DEFAULT_SPEED if target == "velocity_target" else _DEFAULT_EFFORT
         if target == "position_target":
-            limited = np.isfinite(joints.ranges[at]).all(axis=1)
-            low = np.where(limited, joints.ranges[at, 0], joints.default[at] - np.pi)
-            high = np.where(limited, joints.ranges[at, 1], joints.default[at] + np.pi)
-            return low, high
-        limit, default = (
-            (joints.speeds, _DEFAULT_SPEED)
-            if target == "velocity_target"
-            else (joints.efforts, _DEFAULT_EFFORT)
-        )
-        most = np.where(np.isfinite(limit[at]), limit[at], default)
-        return -most, most
+            middle, half = joints.default[at], np.pi
+        limited = np.isfinite(low) & np.isfinite(high)
+        return np.where(limited, low, middle - half), np.where(limited, high, middle + half)
 
 
 def _widest(takes: frozenset[str]) -> str:
@@ -271,6 +251,7 @@ class Commander:
 
     Attributes:
         names: what each number of the action moves.
+        relative: some targets are counted from where the joints are.
 
     Raises:
         TypeError: something is not an action term.
@@ -284,17 +265,15 @@ class Commander:
                     f"action should be an action term or several, got {given!r}; for instance "
                     'JointPositionAction(joint_names_expr=(".*",), scale=0.5)'
                 )
-        self._terms = [bound for term in terms for bound in term.bind(joints)]
+        bound = [(term, one) for term in terms for one in term.bind(joints)]
+        self._terms = [one for _, one in bound]
         self.names = tuple(name for term in self._terms for name in term.names)
-        set_by: set[tuple[str, str]] = set()
-        for term in self._terms:
-            for name in term.names:
-                if (name, term.target) in set_by:
-                    raise ValueError(
-                        f"two action terms set the {term.target} of {name!r}: make the expressions "
-                        "of one of them narrower"
-                    )
-                set_by.add((name, term.target))
+        self.relative = any(term.relative for term in self._terms)
+        for i, (term, one) in enumerate(bound):
+            for other, before in bound[:i]:
+                twice = set(before.names) & set(one.names)
+                if twice and before.target == one.target:
+                    raise _set_twice(other, before, term, one, twice)
         positioned = [i for i, takes in enumerate(joints.takes) if "position_target" in takes]
         self._rest: dict[str, FloatArray] = {}
         if positioned:
@@ -320,29 +299,39 @@ class Commander:
         """
         return ActuatorCmd(**self._at_rest(batch_shape))
 
-    def command(self, action: ArrayLike, batch_shape: tuple[int, ...] = ()) -> ActuatorCmd:
+    def command(
+        self,
+        action: ArrayLike,
+        batch_shape: tuple[int, ...] = (),
+        positions: FloatArray | None = None,
+    ) -> ActuatorCmd:
         """The command that an action asks for.
 
         Args:
-            action: (size,), or (n_sims, size), in [-1, 1]; what is outside is clipped.
+            action: (size,), or (n_sims, size).
             batch_shape: (n_sims,) for actions of a batch.
+            positions: of all joints, where a term is relative, (..., n_joints) [rad; m].
 
         Raises:
-            ValueError: it has another shape, or is not finite.
+            ValueError: it has another shape, is not finite, or asks for what is not.
         """
-        return self.asked(checked_action(action, self.names, batch_shape), batch_shape)
+        return self.asked(checked_action(action, self.names, batch_shape), batch_shape, positions)
 
-    def asked(self, values: FloatArray, batch_shape: tuple[int, ...] = ()) -> ActuatorCmd:
+    def asked(
+        self,
+        values: FloatArray,
+        batch_shape: tuple[int, ...] = (),
+        positions: FloatArray | None = None,
+    ) -> ActuatorCmd:
         """As `command`, of an action that `checked_action` has made, which is left as it is."""
-        within = np.maximum(values, -1.0)
-        np.minimum(within, 1.0, out=within)
         targets = self._at_rest(batch_shape)
         first = 0
         for term in self._terms:
             last = first + len(term.names)
             # A vector is indexed by the columns alone, which takes a ninth of the time.
             at = (..., term.columns) if batch_shape else term.columns
-            targets[term.target][at] = term.targets(within[..., first:last])
+            present = positions[at] if term.relative and positions is not None else None
+            targets[term.target][at] = term.targets(values[..., first:last], present)
             first = last
         return ActuatorCmd.of_finite(**targets)
 
@@ -351,48 +340,35 @@ class Commander:
             return {name: rest.copy() for name, rest in self._rest.items()}
         return {name: np.tile(rest, (*batch_shape, 1)) for name, rest in self._rest.items()}
 
-    def action(self, cmd: ActuatorCmd) -> FloatArray:
+    def action(self, cmd: ActuatorCmd, positions: FloatArray | None = None) -> FloatArray:
         """The action that asks for a command, the inverse of `command`.
 
         Args:
             cmd: targets of all joints; those it leaves out are those of `rest`.
+            positions: as in `command`, (n_joints,).
 
         Returns:
-            (size,), not clipped: what is beyond ±1 is more than the terms can ask for.
+            (size,), not clipped: what is beyond ±1 is more than a `FullRangeAction` can ask for.
         """
         parts = []
         for term in self._terms:
             targets = getattr(cmd, term.target)
             wanted = self._rest[term.target] if targets is None else np.asarray(targets)
-            parts.append(term.action(wanted[term.columns]))
+            present = None if positions is None else positions[term.columns]
+            parts.append(term.action(wanted[term.columns], present))
         return np.concatenate([np.zeros(0), *parts])
 
 
-def checked_action(
-    action: ArrayLike, names: Sequence[str], batch_shape: tuple[int, ...] = ()
-) -> FloatArray:
-    """The action as a new array of floats.
-
-    Args:
-        action: one number per name, of each simulation in a batch.
-        names: what each number moves.
-        batch_shape: (n_sims,) for actions of a batch.
-
-    Raises:
-        ValueError: it has not one finite number per name.
-    """
-    values = np.array(action, dtype=np.float64)
-    expected = (*batch_shape, len(names))
-    if values.shape != expected:
-        raise ValueError(
-            f"the action has shape {values.shape}, the walker takes {expected}: one number "
-            f"for each of {list(names)}"
-        )
-    if not np.isfinite(values).all():
-        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(values))[0])
-        of = f" of simulation {bad[0]}" if batch_shape else ""
-        raise ValueError(
-            f"the action is {values[bad]} for {names[bad[-1]]!r}{of}: check the policy that it "
-            "came from"
-        )
-    return values
+def _set_twice(
+    term: ActionTerm, one: BoundTerm, other: ActionTerm, two: BoundTerm, twice: set[str]
+) -> ValueError:
+    """The error for two terms that set the same target of joints."""
+    wider, bound = (term, one) if len(one.names) >= len(two.names) else (other, two)
+    expressions = getattr(wider, "joint_names_expr", (".*",))
+    rest = narrowed(expressions, bound.names, twice)
+    remedy = (
+        f"make the {type(wider).__name__} narrower, joint_names_expr={rest}"
+        if rest and hasattr(wider, "joint_names_expr")
+        else "leave one of the two out"
+    )
+    return ValueError(f"two action terms set the {one.target} of {listed(sorted(twice))}: {remedy}")

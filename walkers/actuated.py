@@ -36,6 +36,7 @@ class Actuated:
         existing: Existing,
         laws: Sequence[DrivetrainLaw] = (),
         randomizations: Sequence[Randomization] = (),
+        keep_integrator: bool = False,
     ) -> None:
         """Adds the actuators to the walker's model; to be called once, while it is built.
 
@@ -48,6 +49,7 @@ class Actuated:
                 makes a second one for the same joint an error.
             laws: drivetrain laws of its joints.
             randomizations: applied at the start of each episode.
+            keep_integrator: as in `Drivetrain`.
         """
         self._drivetrain = Drivetrain(
             root,
@@ -57,6 +59,7 @@ class Actuated:
             existing=existing,
             laws=laws,
             randomizations=randomizations,
+            keep_integrator=keep_integrator,
         )
         # dm_control's tasks describe an action by the model's actuators, in the model's order.
         place = {id(element): i for i, element in enumerate(self.actuators)}
@@ -79,7 +82,7 @@ class Actuated:
 
         Args:
             physics: the compiled model.
-            action: (n,), in [-1, 1]; what is outside is clipped. Controls of actuators that were
+            action: (n,), as the action terms take it. Controls of actuators that were
                 kept come last, in their own units.
             random_state: unused.
 
@@ -139,8 +142,8 @@ class Actuated:
             cmd: targets of `actuator_group.joint_names`; None to hold the default pose.
 
         Returns:
-            (n,), not clipped: what is beyond ±1 is more than the action terms can ask for. Controls
-            of actuators that were kept are zero.
+            (n,), not clipped: what is beyond ±1 is more than a `FullRangeAction` can ask for.
+            Controls of actuators that were kept are zero.
         """
         return self._drivetrain.action_for(cmd)
 

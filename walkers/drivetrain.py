@@ -23,25 +23,30 @@ from dm_control import mjcf
 from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
-from walkerkit.actuators import ActuatorCfg, ActuatorCmd, ActuatorGroup
+from walkerkit.actuators import (
+    ActuatorCfg,
+    ActuatorCmd,
+    ActuatorGroup,
+    BuiltinDcMotorActuatorCfg,
+    BuiltinMotorActuatorCfg,
+    BuiltinVelocityActuatorCfg,
+)
 from walkerkit.actuators.adoption import Adoption
 from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw, LawRunner
-from walkerkit.actuators.selection import select
+from walkerkit.actuators.limits import stated_reach
+from walkerkit.actuators.selection import Numbers, select
 from walkerkit.actuators.simulation import Simulation
 from walkerkit.actuators.targeted import actuators_of, candidates, element_ids
 from walkerkit.actuators.wrapped import XmlActuatorCfg
-from walkerkit.walkers.actions import (
-    ActionTerm,
-    Commander,
-    FullRangeAction,
-    Joints,
-    checked_action,
-)
+from walkerkit.walkers.actions import Commander, FullRangeAction, checked_action
+from walkerkit.walkers.terms import ActionTerm, Joints
 
 FloatArray = NDArray[np.float64]
 Existing = Literal["replace", "keep"]
+Reaches = dict[int, dict[str, FloatArray]]
+"""By the id of a joint's element: {target: least and greatest}."""
 
 _DRIVEN = ("joint", "jointinparent", "tendon", "site", "cranksite", "body")
 
@@ -65,6 +70,8 @@ class Drivetrain:
             a second one for the same joint an error.
         laws: drivetrain laws of its joints (`walkerkit.actuators.drivetrain`).
         randomizations: applied at the start of each episode.
+        keep_integrator: leave the model's integrator alone. By default a model that states none
+            gets `implicitfast` where an actuator brings damping.
 
     Attributes:
         group: the actuators, whose laws run before each physics step.
@@ -89,13 +96,15 @@ class Drivetrain:
         existing: Existing = "replace",
         laws: Sequence[DrivetrainLaw] = (),
         randomizations: Sequence[Randomization] = (),
+        keep_integrator: bool = False,
     ):
         if existing not in get_args(Existing):
             raise ValueError(f"existing should be one of {get_args(Existing)}, got {existing!r}")
         self.group = ActuatorGroup(cfgs)
-        if existing == "replace":
-            _remove_claimed(root, self.group)
+        replaced = _remove_claimed(root, self.group) if existing == "replace" else {}
         self.group.edit_mjcf(root)
+        if not keep_integrator and root.option.integrator is None and _bring_damping(self.group):
+            root.option.integrator = "implicitfast"
         self.kept: tuple[Any, ...] = tuple(
             element
             for element in root.find_all("actuator")
@@ -104,7 +113,9 @@ class Drivetrain:
         self._root = root
         self._randomizations = tuple(randomizations)
         self._laws = LawRunner(laws) if laws else None
-        self.joints, self._kept_ranges = _survey(root, self.group, self.kept, default or {})
+        self.joints, self._kept_ranges = _survey(
+            root, self.group, self.kept, default or {}, replaced
+        )
         terms = (FullRangeAction(),) if action is None else action
         self._commander = Commander(terms if isinstance(terms, Sequence) else (terms,), self.joints)
         self._names = (*self._commander.names, *map(_kept_name, self.kept))
@@ -114,6 +125,7 @@ class Drivetrain:
         self._adoption: Adoption | None = None
         self.command: ActuatorCmd = self._commander.rest()
         self.last_action: FloatArray = np.zeros(len(self._names))
+        self._asked: tuple[ActuatorCmd, FloatArray] | None = None
 
     def initialize(self, physics: Any) -> None:
         """Finds joints and controls in the compiled model; again after each compilation.
@@ -146,6 +158,7 @@ class Drivetrain:
             randomization.apply(self.group, random_state)
         self.command = self._commander.rest()
         self.last_action = np.zeros(len(self._names))
+        self._asked = None
         self.group.reset(random_state=random_state)
         # Observations of the first step see forces that belong to the pose.
         self.group.apply(self.command)
@@ -186,18 +199,21 @@ class Drivetrain:
         """Sets the command, and the controls that were kept, for the coming physics steps.
 
         Args:
-            action: (n,), or (n_sims, n), in [-1, 1]; what is outside is clipped. Controls of
-                actuators that were kept come last, in their own units.
+            action: (n,), or (n_sims, n), as the action terms take it. Controls of actuators that
+                were kept come last, in their own units.
 
         Raises:
             RuntimeError: the model has actuators that were kept and is not compiled yet.
-            ValueError: the action has another shape, or is not finite.
+            ValueError: the action has another shape, is not finite, or asks for what is not.
         """
         if len(self._kept_at) != len(self.kept):
             raise RuntimeError("call initialize(physics) after the model was compiled, then act")
         values = checked_action(action, self._names, self._batch_shape)
         n = self._commander.size
-        self.command = self._commander.asked(values[..., :n], self._batch_shape)
+        if self._commander.relative:
+            self._follow(values[..., :n])
+        else:
+            self.command = self._commander.asked(values[..., :n], self._batch_shape)
         if self.kept:
             low, high = self._kept_ranges.T
             self._ctrl[..., self._kept_at] = np.clip(values[..., n:], low, high)
@@ -206,10 +222,18 @@ class Drivetrain:
 
     def run(self) -> None:
         """Runs the actuators' laws for the next physics step."""
+        # A command that someone else has set stays as it is.
+        if self._asked is not None and self._asked[0] is self.command:
+            self._follow(self._asked[1])
         if self._laws is not None:
             self._laws.apply(self.command)
         else:
             self.group.apply(self.command)
+
+    def _follow(self, values: FloatArray) -> None:
+        """Counts the targets of relative terms from where the joints are now."""
+        self.command = self._commander.asked(values, self._batch_shape, self.group.positions)
+        self._asked = self.command, values
 
     def action_for(self, cmd: ActuatorCmd | None = None) -> FloatArray:
         """The action that asks for a command, as a policy in physical units needs it.
@@ -218,10 +242,11 @@ class Drivetrain:
             cmd: targets of `joints.names`; None to hold the default pose.
 
         Returns:
-            (n,), not clipped: what is beyond ±1 is more than the action terms can ask for. Controls
-            of actuators that were kept are zero.
+            (n,), not clipped: what is beyond ±1 is more than a `FullRangeAction` can ask for.
+            Controls of actuators that were kept are zero.
         """
-        wanted = self._commander.action(self._commander.rest() if cmd is None else cmd)
+        positions = self.group.positions if self._commander.relative else None
+        wanted = self._commander.action(self._commander.rest() if cmd is None else cmd, positions)
         return np.concatenate([wanted, np.zeros(len(self.kept))])
 
     @property
@@ -238,7 +263,10 @@ class Drivetrain:
 
     @property
     def action_spec(self) -> specs.BoundedArray:
-        """A number in [-1, 1] for each of the terms' targets, then controls that were kept."""
+        """A number in [-1, 1] for each of the terms' targets, then controls that were kept.
+
+        Terms without a clip of their own also take what lies outside.
+        """
         n = self._commander.size
         return specs.BoundedArray(
             shape=(len(self._names),),
@@ -256,55 +284,100 @@ def _kept_name(element: Any) -> str:
     return str(next(named, element.tag))
 
 
-def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> None:
-    """Removes the actuators of joints that get a new one, and the sensors that read them."""
-    removed = []
+def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> Reaches:
+    """Removes the actuators of joints that get a new one, and the sensors that read them.
+
+    Returns:
+        What those could be asked for, by what they drove.
+    """
+    removed: dict[int, list[Any]] = {}
+    unlimited: dict[int, list[Any]] = {}
     for cfg in group.cfgs:
         base = getattr(cfg, "base_cfg", cfg)
         if isinstance(base, TargetedActuatorCfg) and not isinstance(base, XmlActuatorCfg):
             named = candidates(root, base.transmission)
             targets = list(named.values())
             for i in select(base.joint_names_expr, list(named)):
-                removed += actuators_of(targets[i])
+                removed[id(targets[i])] = actuators_of(targets[i])
+                # Positions are limited by the joint, and laws that run in Python take them.
+                if isinstance(base, BuiltinVelocityActuatorCfg | BuiltinMotorActuatorCfg):
+                    unlimited[id(targets[i])] = removed[id(targets[i])]
+    reaches = _reaches(root, unlimited)
+    elements = [element for those in removed.values() for element in those]
     for sensor in root.find_all("sensor"):
-        if any(getattr(sensor, "actuator", None) is element for element in removed):
+        if any(getattr(sensor, "actuator", None) is element for element in elements):
             sensor.remove()
-    for element in removed:
+    for element in elements:
         element.remove()
+    return reaches
+
+
+def _bring_damping(group: ActuatorGroup) -> bool:
+    """Whether actuators that are added to the model damp, which Euler would integrate explicitly.
+
+    The file's own actuators do as they did.
+    """
+    added = [getattr(cfg, "base_cfg", cfg) for cfg in group.cfgs]
+    return any(
+        isinstance(cfg, BuiltinDcMotorActuatorCfg) or _any(cfg.numbers().get("damping", 0.0))
+        for cfg in added
+        if isinstance(cfg, TargetedActuatorCfg) and not isinstance(cfg, XmlActuatorCfg)
+    )
+
+
+def _any(numbers: Numbers) -> bool:
+    """Whether one of the numbers is not zero."""
+    return any(numbers.values()) if isinstance(numbers, Mapping) else numbers != 0
+
+
+def _reaches(root: mjcf.RootElement, actuators: Mapping[int, Sequence[Any]]) -> Reaches:
+    """What joints could be asked for that have just one actuator, while it is still there."""
+    alone = {target: those[0] for target, those in actuators.items() if len(those) == 1}
+    if not alone:
+        return {}
+    model = _compiled(root)
+    ids = element_ids(model, alone.values(), mujoco.mjtObj.mjOBJ_ACTUATOR, root)
+    return {target: stated_reach(model, int(one)) for target, one in zip(alone, ids, strict=True)}
 
 
 def _survey(
-    root: mjcf.RootElement, group: ActuatorGroup, kept: Sequence[Any], default: Any
+    root: mjcf.RootElement,
+    group: ActuatorGroup,
+    kept: Sequence[Any],
+    default: Any,
+    replaced: Reaches,
 ) -> tuple[Joints, FloatArray]:
     """What there is to know of the joints and of the controls that were kept, compiled once."""
     model = _compiled(root)
     data = mujoco.MjData(model)
     group.initialize((model, data))
-    positions, ranges = [], []
     on_joint = {
         name: int(joint)
         for actuator, cfg in zip(group.actuators, group.cfgs, strict=True)
         if getattr(getattr(cfg, "base_cfg", cfg), "transmission", "joint") == "joint"
         for name, joint in zip(actuator.joint_names, actuator.joint_ids, strict=True)
     }
-    for name in group.joint_names:
-        joint = on_joint.get(name)
-        if joint is None:
-            positions.append(0.0)
-            ranges.append([-np.inf, np.inf])
-            continue
-        address = model.jnt_qposadr[joint]
-        positions.append(float(default.get(name, model.qpos0[address])))
-        limited = model.jnt_limited[joint]
-        ranges.append(list(model.jnt_range[joint]) if limited else [-np.inf, np.inf])
+    positions = [
+        float(default.get(name, model.qpos0[model.jnt_qposadr[on_joint[name]]]))
+        if name in on_joint
+        else 0.0
+        for name in group.joint_names
+    ]
     takes = {name: actuator.takes for actuator in group.actuators for name in actuator.joint_names}
+    reach = {target: group.reach(target) for target in TARGETS}
+    for i, target in enumerate(group.driven):
+        # Where nothing limits an actuator now, an action spans what the one before it could do.
+        for name, ends in replaced.get(id(target), {}).items():
+            if name in takes[group.joint_names[i]] and not np.isfinite(reach[name][i]).all():
+                reach[name][i] = ends
     joints = Joints(
         names=group.joint_names,
         default=np.array(positions),
-        ranges=np.array(ranges).reshape(-1, 2),
+        ranges=reach["position_target"],
         takes=tuple(takes[name] for name in group.joint_names),
-        speeds=_limits(group, "velocity_limit"),
-        efforts=_limits(group, "effort_limit"),
+        speeds=np.abs(reach["velocity_target"]).max(axis=1),
+        efforts=np.abs(group.effort_range).max(axis=1),
+        reach=reach,
     )
     controls = model.actuator_ctrladr[element_ids(model, kept, mujoco.mjtObj.mjOBJ_ACTUATOR, root)]
     limited = (model.actuator_ctrllimited[controls] != 0)[:, None]
@@ -315,11 +388,3 @@ def _survey(
 def _compiled(root: mjcf.RootElement) -> mujoco.MjModel:
     """The walker's own model, as MuJoCo compiles it."""
     return mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
-
-
-def _limits(group: ActuatorGroup, name: str) -> FloatArray:
-    limits: dict[str, float] = {}
-    for actuator in group.actuators:
-        if name in actuator.parameters:
-            limits.update(zip(actuator.joint_names, actuator.nominal(name), strict=True))
-    return np.array([limits.get(joint, np.inf) for joint in group.joint_names])

@@ -139,6 +139,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             existing=existing,
             laws=laws,
             randomizations=randomizations,
+            keep_integrator=robot.integrator is not None,
         )
 
     @classmethod

@@ -25,7 +25,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from walkerkit.actuators.errors import closest, listed
-from walkerkit.walkers.settling import leave_out, settled, written
+from walkerkit.walkers.settling import leave_out, settled, stated_integrator, written
 
 FloatArray = NDArray[np.float64]
 
@@ -54,6 +54,8 @@ class RobotFile:
         free_joint: what the file's free joint has besides its freedom: `damping`, `armature` and
             `frictionloss`, where not zero.
         left_out: what of the file does not come along and has a name, as "kind name".
+        integrator: the integrator that the file states, as it states it; None where it says
+            nothing.
     """
 
     root: Any
@@ -64,6 +66,7 @@ class RobotFile:
     keyframes: Mapping[str, FloatArray] = field(default_factory=dict)
     poses: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
+    integrator: str | None = None
 
 
 def read_robot(
@@ -135,6 +138,7 @@ def read_robot(
         keyframes={key: qpos[columns] for key, qpos in states.items()},
         poses=_poses(model, top, free, states) if alone else {},
         left_out=left_out,
+        integrator=stated_integrator(path),
     )
 
 

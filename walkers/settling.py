@@ -10,6 +10,7 @@ is lost in the digits.
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
@@ -20,6 +21,12 @@ import numpy as np
 
 from walkerkit.walkers.xml_digits import xml_digits
 
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_STATED = re.compile(
+    r"<include\b[^>]*?\bfile\s*=\s*[\"']([^\"']*)[\"']"
+    r"|<option\b[^>]*?\bintegrator\s*=\s*[\"'](\w+)[\"']"
+)
+"""The file that is included, or the integrator."""
 _DIGITS = 17  # those of a double
 _KINDS = {
     "body": "bodies",
@@ -68,6 +75,27 @@ def settled(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
         _dissolve_frames(spec)
         model = spec.compile()
     return spec, model
+
+
+def stated_integrator(path: Path) -> str | None:
+    """The integrator that a file states, which MuJoCo's writer leaves out where it is the default.
+
+    Args:
+        path: an MJCF or URDF file that MuJoCo has read; files that it includes count as well.
+
+    Returns:
+        The last one that is stated, None where none is.
+    """
+    # MuJoCo's parser takes what others call malformed.
+    text = _COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace"))
+    found = None
+    for included, integrator in _STATED.findall(text):
+        # Of files that are found by other rules MuJoCo knows, and nothing is assumed here.
+        if integrator:
+            found = integrator
+        elif (path.parent / included).is_file():
+            found = stated_integrator(path.parent / included) or found
+    return found
 
 
 def state_inertia(body: Any, model: mujoco.MjModel) -> None:

@@ -3,7 +3,8 @@
 `lag` steps after a target was pushed it comes out, whatever was pushed in between. The first target
 after a reset stands for all that came before it, so that a robot at rest is not asked for zeros.
 Each simulation has a lag of its own, which is drawn within its bounds at the reset, and again every
-`update_period` steps but with probability `hold_prob`.
+`update_period` steps but with probability `hold_prob`. Several lines may have their lags in common:
+what is sent in one packet arrives together.
 """
 
 from __future__ import annotations
@@ -29,12 +30,14 @@ class LagSchedule:
         max_lag: greatest lag [steps].
         hold_prob: probability that a redraw keeps the lag as it is.
         update_period: steps between redraws; 0 stands for every step.
+        phase: each simulation redraws at steps of its own, drawn within the period at the reset.
     """
 
     min_lag: int
     max_lag: int
     hold_prob: float = 0.0
     update_period: int = 0
+    phase: bool = False
 
     @property
     def constant(self) -> bool:
@@ -47,49 +50,40 @@ class LagSchedule:
         return not self.constant and self.hold_prob < 1
 
 
-class DelayLine:
-    """Delays targets of shape (n_joints,) or (n_sims, n_joints).
+class Lags:
+    """The lag of each simulation, which may wander.
 
     Args:
         schedule: how lags are drawn.
-        shape: of the targets.
+        batch_shape: () or (n_sims,).
         seed: of the lags.
+
+    Attributes:
+        now: the present lags [steps], () or (n_sims,).
+        same: the one lag of all simulations, where there is one; else None.
+        wanders: they may change within an episode.
     """
 
-    def __init__(self, schedule: LagSchedule, shape: tuple[int, ...], seed: np.random.SeedSequence):
+    def __init__(
+        self, schedule: LagSchedule, batch_shape: tuple[int, ...], seed: np.random.SeedSequence
+    ):
         self._schedule = schedule
-        self._wanders = schedule.wanders
-        self._batch_shape = shape[:-1]
+        self.wanders = schedule.wanders
+        self._period = max(schedule.update_period, 1)
+        self._batch_shape = batch_shape
         # One source for resets and one for redraws, which takes numbers for all simulations at
         # once: a partial reset then leaves the lags of the others as they would have been.
         resets, redraws = seed.spawn(2)
         self._resets = np.random.default_rng(resets)
         self._redraws = np.random.default_rng(redraws)
-        self._low: IntArray = np.full(self._batch_shape, schedule.min_lag, dtype=np.intp)
-        self._high: IntArray = np.full(self._batch_shape, schedule.max_lag, dtype=np.intp)
-        self._size = schedule.max_lag + 1
-        self._ring = np.zeros((self._size, *shape))
-        self._lag: IntArray = np.zeros(self._batch_shape, dtype=np.intp)
-        self._age: IntArray = np.zeros(self._batch_shape, dtype=np.intp)
-        self._fresh: NDArray[np.bool_] = np.ones(self._batch_shape, dtype=bool)
-        self._any_fresh = True
-        self._head = 0
-        self._same: int | None = None
+        self._low: IntArray = np.full(batch_shape, schedule.min_lag, dtype=np.intp)
+        self._high: IntArray = np.full(batch_shape, schedule.max_lag, dtype=np.intp)
+        self.now: IntArray = np.zeros(batch_shape, dtype=np.intp)
+        self.same: int | None = None
+        self._age: IntArray = np.zeros(batch_shape, dtype=np.intp)
+        self._phase: IntArray = np.zeros(batch_shape, dtype=np.intp)
         self._sources: _Sources | None = None
-        self._last: FloatArray | None = None
-        self._times = 0
-        self._settled: FloatArray = self._ring[0]
         self.reset(None)
-
-    @property
-    def lag(self) -> IntArray:
-        """The present lag [steps], () or (n_sims,), a copy."""
-        return self._lag.copy()
-
-    @property
-    def settled(self) -> bool:
-        """Nothing else comes out until something else is pushed, or the line is reset."""
-        return self._last is not None and self._times == self._size and not self._wanders
 
     @property
     def bounds(self) -> tuple[IntArray, IntArray]:
@@ -105,11 +99,21 @@ class DelayLine:
             rows: simulations; None for all.
         """
         at = ... if rows is None else rows
-        self._low[at] = np.clip(low, 0, self._size - 1)
-        self._high[at] = np.clip(high, self._low[at], self._size - 1)
+        self._low[at] = np.clip(low, 0, self._schedule.max_lag)
+        self._high[at] = np.clip(high, self._low[at], self._schedule.max_lag)
+
+    def set(self, lags: IntArray, rows: IntArray | None) -> None:
+        """Sets the present lags, until they are drawn again.
+
+        Args:
+            lags: within the schedule's greatest [steps], a number or (n_rows,).
+            rows: simulations; None for all.
+        """
+        self.now[... if rows is None else rows] = lags
+        self._settle()
 
     def reset(self, rows: IntArray | None, random_state: Random | None = None) -> None:
-        """Forgets the past and draws the lag, of all simulations or of some rows.
+        """Draws the lags, of all simulations or of some rows.
 
         Args:
             rows: simulations; None for all.
@@ -117,38 +121,139 @@ class DelayLine:
                 come, so that the same source gives the same episode.
         """
         at = ... if rows is None else rows
-        drawn = self._draw(self._resets if random_state is None else random_state)
-        self._lag[at] = drawn[at]
-        if rows is None and random_state is not None and self._wanders:
+        source = self._resets if random_state is None else random_state
+        self.now[at] = self._draw(source)[at]
+        if self._schedule.phase:
+            share = source.uniform(size=self._batch_shape)
+            self._phase[at] = np.floor(share * self._period).astype(np.intp)[at]
+        if rows is None and random_state is not None and self.wanders:
             seed = np.frombuffer(random_state.bytes(16), dtype=np.uint32)
             self._redraws = np.random.default_rng(seed)
         self._age[at] = 0
-        self._fresh[at] = True
-        self._any_fresh = True
-        self._last = None
         self._settle()
 
-    def adopt(self, row: int, line: DelayLine) -> None:
-        """Lets one simulation go on as a line of one physics that has just been reset.
+    def adopt(self, row: int, lags: Lags) -> None:
+        """Lets one simulation go on as that of one physics, which has just been reset.
 
         Args:
             row: the simulation, which has been reset as well.
-            line: of the same schedule; its source of redraws is this simulation's from now on.
+            lags: of the same schedule; their source of redraws is this simulation's from now on.
         """
-        self._lag[row] = line._lag
-        if self._wanders:
+        self.now[row], self._phase[row] = lags.now, lags._phase
+        if self.wanders:
             if self._sources is None:
-                self._sources = _Sources(len(self._lag))
-            self._sources.adopt(row, line._redraws)
+                self._sources = _Sources(len(self.now))
+            self._sources.adopt(row, lags._redraws)
         self._settle()
+
+    def step(self) -> None:
+        """Goes on by a step, in which lags may be drawn again."""
+        # The lag that the reset drew lasts for the first period.
+        due = (self._age > 0) & ((self._age + self._phase) % self._period == 0)
+        self._age += 1
+        if not self._batch_shape and not due:
+            return
+        if self._sources is not None:
+            share, luck = self._sources.draw(due)
+            drawn = self._within(share)
+        else:
+            drawn = self._draw(self._redraws)
+            luck = self._redraws.uniform(size=self._batch_shape)
+        keep = luck < self._schedule.hold_prob
+        self.now[...] = np.where(due & ~keep, drawn, self.now)
+        self._settle()
+
+    def _draw(self, random_state: Random) -> IntArray:
+        return self._within(random_state.uniform(size=self._batch_shape))
+
+    def _within(self, share: FloatArray | float) -> IntArray:
+        """Lags at these shares of the way from the least to the greatest."""
+        drawn = self._low + np.floor(share * (self._high - self._low + 1)).astype(np.intp)
+        return np.asarray(np.minimum(drawn, self._high))
+
+    def _settle(self) -> None:
+        """Remembers the one lag of all simulations, where there is one: the common, fast case."""
+        lags = self.now.ravel()
+        same = bool((lags == lags[0]).all()) if lags.size else True
+        self.same = (int(lags[0]) if lags.size else 0) if same else None
+
+
+class DelayLine:
+    """Delays targets of shape (n_joints,) or (n_sims, n_joints).
+
+    Args:
+        schedule: how lags are drawn.
+        shape: of the targets.
+        seed: of the lags.
+        lags: those of several lines, who steps and resets them; None for lags of its own.
+
+    Attributes:
+        lags: its lags, or those that it shares.
+    """
+
+    def __init__(
+        self,
+        schedule: LagSchedule,
+        shape: tuple[int, ...],
+        seed: np.random.SeedSequence,
+        lags: Lags | None = None,
+    ):
+        batch_shape = shape[:-1]
+        self.lags = Lags(schedule, batch_shape, seed) if lags is None else lags
+        self._own = lags is None
+        self._steps = self._own and schedule.wanders
+        self._size = schedule.max_lag + 1
+        self._ring = np.zeros((self._size, *shape))
+        self._fresh: NDArray[np.bool_] = np.ones(batch_shape, dtype=bool)
+        self._any_fresh = True
+        self._head = 0
+        self._last: FloatArray | None = None
+        self._times = 0
+        self._settled: FloatArray = self._ring[0]
+
+    @property
+    def lag(self) -> IntArray:
+        """The present lag [steps], () or (n_sims,), a copy."""
+        return self.lags.now.copy()
+
+    @property
+    def settled(self) -> bool:
+        """Nothing else comes out until something else is pushed, or the line is reset."""
+        return self._last is not None and self._times == self._size and not self.lags.wanders
+
+    @property
+    def bounds(self) -> tuple[IntArray, IntArray]:
+        """Least and greatest lag [steps], () or (n_sims,) each."""
+        return self.lags.bounds
+
+    def narrow(self, low: IntArray, high: IntArray, rows: IntArray | None) -> None:
+        """As `Lags.narrow`."""
+        self.lags.narrow(low, high, rows)
+
+    def reset(self, rows: IntArray | None, random_state: Random | None = None) -> None:
+        """Forgets the past of all simulations or of some rows, and draws lags of its own.
+
+        Args:
+            rows: as in `Lags.reset`.
+            random_state: as in `Lags.reset`.
+        """
+        if self._own:
+            self.lags.reset(rows, random_state)
+        self._fresh[... if rows is None else rows] = True
+        self._any_fresh = True
+        self._last = None
+
+    def adopt(self, row: int, line: DelayLine) -> None:
+        """As `Lags.adopt`."""
+        self.lags.adopt(row, line.lags)
 
     def push(self, target: FloatArray) -> FloatArray:
         """Takes the present target and gives the delayed one, a view of the line.
 
         The same object comes out as long as a target that nobody can write to has filled the line.
         """
-        if self._wanders:
-            self._wander()
+        if self._steps:
+            self.lags.step()
         if target is self._last:
             if self._times == self._size:
                 return self._settled
@@ -164,39 +269,11 @@ class DelayLine:
             self._any_fresh = False
         if self._times == self._size:
             self._settled = self._ring[head]
-        if self._same is not None:
-            return self._ring[head - self._same]  # type: ignore[no-any-return]
-        return self._ring[head - self._lag, np.arange(len(self._lag))]
-
-    def _draw(self, random_state: Random) -> IntArray:
-        return self._within(random_state.uniform(size=self._batch_shape))
-
-    def _within(self, share: FloatArray | float) -> IntArray:
-        """Lags at these shares of the way from the least to the greatest."""
-        drawn = self._low + np.floor(share * (self._high - self._low + 1)).astype(np.intp)
-        return np.asarray(np.minimum(drawn, self._high))
-
-    def _wander(self) -> None:
-        # The lag that the reset drew lasts for the first period.
-        due = (self._age > 0) & (self._age % max(self._schedule.update_period, 1) == 0)
-        self._age += 1
-        if not self._batch_shape and not due:
-            return
-        if self._sources is not None:
-            share, luck = self._sources.draw(due)
-            drawn = self._within(share)
-        else:
-            drawn = self._draw(self._redraws)
-            luck = self._redraws.uniform(size=self._batch_shape)
-        keep = luck < self._schedule.hold_prob
-        self._lag[...] = np.where(due & ~keep, drawn, self._lag)
-        self._settle()
-
-    def _settle(self) -> None:
-        """Remembers the one lag of all simulations, where there is one: the common, fast case."""
-        lags = self._lag.ravel()
-        same = bool((lags == lags[0]).all()) if lags.size else True
-        self._same = (int(lags[0]) if lags.size else 0) if same else None
+        same = self.lags.same
+        if same is not None:
+            return self._ring[head - same]  # type: ignore[no-any-return]
+        lags = self.lags.now
+        return self._ring[head - lags, np.arange(len(lags))]
 
 
 class _Sources:

@@ -109,7 +109,7 @@ class Copies:
         """One control step.
 
         Args:
-            actions: (n_sims, n), in [-1, 1]; what is outside is clipped.
+            actions: (n_sims, n), as the action terms take them.
             ids: simulations to step, rising; None for all. The others are to be reset next.
 
         Returns:

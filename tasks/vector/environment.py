@@ -164,7 +164,7 @@ class WalkerVectorEnv(gymnasium.vector.VectorEnv[Observations, FloatArray, NDArr
         """One control step of every copy.
 
         Args:
-            actions: (num_envs, n), in [-1, 1]; what is outside is clipped.
+            actions: (num_envs, n), as the action terms take them.
 
         Returns:
             Observations, rewards (num_envs,), terminated (num_envs,), truncated (num_envs,) and

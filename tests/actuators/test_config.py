@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from walkerkit.actuators import (
     BuiltinPositionActuatorCfg,
     BuiltinVelocityActuatorCfg,
     DcMotorActuatorCfg,
+    DelayedActuatorCfg,
     IdealPdActuatorCfg,
     XmlMotorActuatorCfg,
     XmlPositionActuatorCfg,
@@ -40,6 +43,10 @@ each = pytest.mark.parametrize(
 )
 AT_LEAST_ZERO = ("stiffness", "damping", "armature", "frictionloss", "viscous_damping")
 ABOVE_ZERO = ("effort_limit", "saturation_effort", "velocity_limit")
+
+
+LEAST_EFFORT = {(DcMotorActuatorCfg, "saturation_effort"): {"effort_limit": 0.25}}
+"""What makes room for any value of a field that another one bounds."""
 
 
 def numbers_of(cls):
@@ -72,7 +79,7 @@ def test_is_a_frozen_keyword_only_config(cls, fields):
 def test_numbers(cls, fields):
     for name, zero in numbers_of(cls).items():
         for value in (1, 2.5, np.float32(0.5), np.int64(3), np.array(1.5), *([0] if zero else [])):
-            cfg = cls(**{**fields, name: value})
+            cfg = cls(**{**fields, **LEAST_EFFORT.get((cls, name), {}), name: value})
             assert type(getattr(cfg, name)) is float
             assert getattr(cfg, name) == float(value)
         for value in (-1.0, -1e-9, -0.5, *([] if zero else [0, 0.0])):
@@ -91,6 +98,7 @@ def test_numbers(cls, fields):
 def test_numbers_by_expression(cls, fields):
     for name in numbers_of(cls):
         given = {"hip": 1, ".*_knee": 2.5}
+        fields = {**COMPLETE[cls], **LEAST_EFFORT.get((cls, name), {})}
         cfg = cls(**{**fields, name: given})
         assert getattr(cfg, name) == {"hip": 1.0, ".*_knee": 2.5}
         given["hip"] = -3.0  # the config has its own
@@ -127,12 +135,15 @@ def test_expressions(cls, fields):
 def test_none_where_a_number_is_needed(cls, fields):
     for name in numbers_of(cls):
         optional = name in ("armature", "frictionloss", "viscous_damping") or (
-            name == "effort_limit"
+            name == "effort_limit" and cls is not DcMotorActuatorCfg
         )
         if optional:
             assert getattr(cls(**{**fields, name: None}), name) is None
         else:
-            with pytest.raises(TypeError, match=f"{name} should be a number.*got None"):
+            error, text = (TypeError, f"{name} should be a number.*got None")
+            if name == "effort_limit":
+                error, text = ValueError, "effort_limit is missing"
+            with pytest.raises(error, match=text):
                 cls(**{**fields, name: None})
 
 
@@ -158,3 +169,71 @@ def test_transmission_and_gear():
 def test_numbers_that_are_given():
     cfg = IdealPdActuatorCfg(**PD, armature=0.0)
     assert cfg.numbers() == {"stiffness": 40.0, "damping": 2.0, "armature": 0.0}
+
+
+# Limits of a motor.
+
+
+@pytest.mark.parametrize(
+    ("continuous", "stall", "where"),
+    [
+        (50.0, 25.0, "effort_limit=50 is above saturation_effort=25"),
+        ({"hip": 50.0, "knee": 10.0}, 25.0, r"effort_limit\['hip'\]=50 is above"),
+        (20.0, {"hip": 25.0, "knee": 15.0}, r"saturation_effort\['knee'\]=15"),
+        ({"hip": 9.0, "knee": 26.0}, {"hip": 10.0, "knee": 25.0}, r"\['knee'\]=26 is above"),
+    ],
+)
+def test_torques_of_a_motor_in_each_others_place(continuous, stall, where):
+    with pytest.raises(ValueError, match=where + r".*exchange the two"):
+        DcMotorActuatorCfg(**{**MOTOR, "effort_limit": continuous, "saturation_effort": stall})
+    if not isinstance(continuous, dict) and not isinstance(stall, dict):
+        DcMotorActuatorCfg(**{**MOTOR, "effort_limit": stall, "saturation_effort": continuous})
+
+
+def test_a_motor_without_a_continuous_torque():
+    motor = {key: value for key, value in MOTOR.items() if key != "effort_limit"}
+    with pytest.raises(ValueError, match=r"effort_limit is missing.*effort_limit=50\.0") as caught:
+        DcMotorActuatorCfg(**motor)
+    assert "saturation_effort" in str(caught.value)
+    assert DcMotorActuatorCfg(**motor, effort_limit=50.0).effort_limit == 50.0
+
+
+# Arguments in the wrong config.
+
+
+@pytest.mark.parametrize(
+    ("cls", "options", "text"),
+    [
+        (IdealPdActuatorCfg, {"saturation_effort": 3.0}, "DcMotorActuatorCfg has it"),
+        (BuiltinPositionActuatorCfg, {"velocity_limit": 3.0}, "DcMotorActuatorCfg has it"),
+        (IdealPdActuatorCfg, {"effort_lookup": ()}, "RemotizedPdActuatorCfg has it"),
+        (
+            BuiltinPdActuatorCfg,
+            {"delay_max_lag": 3},
+            r"DelayedActuatorCfg\(base_cfg=BuiltinPdActuatorCfg\(\.\.\.\), delay_max_lag=",
+        ),
+        (IdealPdActuatorCfg, {"max_delay": 3}, r"DelayedActuatorCfg has it, as 'delay_max_lag'"),
+        (IdealPdActuatorCfg, {"kp": 3.0}, "it is called 'stiffness' here"),
+        (IdealPdActuatorCfg, {"friction": 3.0}, "it is called 'frictionloss' here"),
+        (IdealPdActuatorCfg, {"stifness": 3.0}, r"did you mean 'stiffness'.*it has"),
+    ],
+)
+def test_a_field_that_another_config_has(cls, options, text):
+    with pytest.raises(
+        TypeError, match=f"{cls.__name__} has no field {next(iter(options))!r}.*{text}"
+    ):
+        cls(**PD, **options)
+
+
+def test_fields_of_the_base_of_a_delay():
+    with pytest.raises(TypeError, match=r"DelayedActuatorCfg has no field 'stiffness'.*base_cfg"):
+        DelayedActuatorCfg(stiffness=3.0)
+    with pytest.raises(TypeError, match=r"DelayedActuatorCfg needs 'base_cfg'"):
+        DelayedActuatorCfg(delay_max_lag=3)
+
+
+def test_configs_can_be_copied():
+    cfg = DelayedActuatorCfg(base_cfg=IdealPdActuatorCfg(**PD), delay_max_lag=3)
+    for again in (copy.copy(cfg), copy.deepcopy(cfg), pickle.loads(pickle.dumps(cfg))):
+        assert again == cfg
+    assert dataclasses.replace(cfg, delay_max_lag=4).delay_max_lag == 4

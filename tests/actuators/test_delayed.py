@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from dm_control import mjcf
@@ -9,7 +11,7 @@ from mujoco.batch import Batch
 
 from tests.actuators.contract import EXPRESSIONS, ActuatorContract, DeterministicContract
 from tests.actuators.reference import clip, dc_motor, late, pd
-from tests.actuators.robots import WORDS, built, commands, compiled, robot, run
+from tests.actuators.robots import WORDS, batch_of, built, commands, compiled, robot, run
 from walkerkit.actuators import (
     ActuatorCmd,
     BuiltinMotorActuatorCfg,
@@ -19,6 +21,7 @@ from walkerkit.actuators import (
     DcMotorActuatorCfg,
     DelayedActuatorCfg,
     IdealPdActuatorCfg,
+    XmlMotorActuatorCfg,
     XmlPositionActuatorCfg,
 )
 
@@ -220,10 +223,8 @@ def test_a_held_pose_does_not_dip(cfg):
     [
         (NATIVE, "position", True),
         (NATIVE, ("position",), True),
-        (NATIVE, ("position", "velocity"), False),
         (BuiltinVelocityActuatorCfg(joint_names_expr=("j",), damping=1.0), "velocity", True),
         (BuiltinMotorActuatorCfg(joint_names_expr=("j",)), "effort", True),
-        (BuiltinMotorActuatorCfg(joint_names_expr=("j",)), "position", False),
         (OURS, "position", False),
         (IdealPdActuatorCfg(**GAINS), "position", False),
     ],
@@ -238,6 +239,63 @@ def test_which_delays_are_left_to_mujoco(base_cfg, words, native):
     for word in [words] if isinstance(words, str) else words:
         assert actuator.lag(word) == 4
     assert ("delay_max_lag" in actuator.parameters) != native
+
+
+MOTOR = BuiltinMotorActuatorCfg(joint_names_expr=("j",))
+WHEEL = BuiltinVelocityActuatorCfg(joint_names_expr=("j",), damping=2.0)
+XML_MOTOR = XmlMotorActuatorCfg(joint_names_expr=("j",))
+
+
+@pytest.mark.parametrize(
+    ("base_cfg", "words"),
+    [
+        (NATIVE, ("position",)),
+        (WHEEL, ("velocity",)),
+        (MOTOR, ("effort",)),
+        (XML_MOTOR, ("effort",)),
+        (OURS, WORDS),
+        (IdealPdActuatorCfg(**GAINS), WORDS),
+    ],
+)
+@pytest.mark.parametrize(("low", "high"), [(3, 3), (1, 5)])
+def test_every_target_that_the_actuator_takes_is_late_by_default(base_cfg, words, low, high):
+    root = mjcf.from_xml_string(PENDULUM.format(timestep=0.002))
+    root.option.gravity = [0, 0, 0]
+    if base_cfg is XML_MOTOR:
+        root.actuator.add("motor", name="m", joint="j")
+    actuator = DelayedActuatorCfg(
+        base_cfg=base_cfg, delay_min_lag=low, delay_max_lag=high, delay_hold_prob=1.0
+    ).build()
+    actuator.edit_mjcf(root)
+    physics = mjcf.Physics.from_mjcf_model(root)
+    actuator.initialize(physics)
+    assert {word for word in WORDS if f"{word}_target" in actuator.takes} == {*words}
+    for word in words:
+        physics.reset()
+        actuator.reset(random_state=np.random.RandomState(4))
+        lag, efforts = int(actuator.lag(word)), []
+        for k in range(12):
+            targets = {f"{one}_target": [float(one == word and k >= 2)] for one in words}
+            physics.data.ctrl[actuator.ctrl_ids] = actuator.compute(ActuatorCmd(**targets))
+            efforts.append(abs(float(actuator.applied_effort[0])))
+            physics.step()
+        assert np.flatnonzero(np.array(efforts) > 1e-9)[0] == 2 + lag
+        assert low <= lag <= high
+
+
+@pytest.mark.parametrize("base_cfg", [NATIVE, WHEEL, MOTOR, XML_MOTOR])
+@pytest.mark.parametrize("word", WORDS)
+def test_a_target_that_the_actuator_does_not_take_cannot_be_late(base_cfg, word):
+    own = {"position": NATIVE, "velocity": WHEEL}.get(word)
+    if own is base_cfg or (word == "effort" and base_cfg in (MOTOR, XML_MOTOR)):
+        assert delayed(base_cfg, 3, word).delay_target == (word,)
+        return
+    with pytest.raises(ValueError, match=f"takes no {word} target that could be late") as caught:
+        delayed(base_cfg, 3, word)
+    advice = re.search(r"use delay_target='(\w+)'", str(caught.value))[1]
+    assert delayed(base_cfg, 3, advice).delay_target == (advice,)
+    with pytest.raises(ValueError, match="could be late"):
+        delayed(base_cfg, 3, WORDS)
 
 
 @pytest.mark.parametrize("options", [{"delay_max_lag": 5}, {"delay_max_lag": 0}])
@@ -359,6 +417,139 @@ def test_bounds_are_parameters():
     for word in WORDS:
         assert 2 <= actuator.lag(word) <= 4
     np.testing.assert_array_equal(actuator.nominal("delay_max_lag"), [9.0, 9.0, 9.0])
+
+
+# One transport for a whole command.
+
+
+def out_of_step(options, episodes=12, n_sims=None):
+    """In how many episodes no single lag explains the effort, with random targets at every step."""
+    root = mjcf.from_xml_string(PENDULUM.format(timestep=0.002))
+    actuator = DelayedActuatorCfg(base_cfg=IdealPdActuatorCfg(**GAINS), **options).build()
+    actuator.edit_mjcf(root)
+    physics = mjcf.Physics.from_mjcf_model(root)
+    simulation = physics if n_sims is None else Batch(physics.model.ptr, n_sims, 1)
+    actuator.initialize(simulation)
+    shape, wrong = (*actuator.simulation.batch_shape, 1), 0
+    for episode in range(episodes):
+        actuator.reset(random_state=np.random.RandomState(episode))
+        rng, past = np.random.default_rng(episode), []
+        for _ in range(12):
+            past.append(rng.normal(size=(3, *shape)))
+            actuator.compute(ActuatorCmd(*past[-1]))
+        by_lag = [
+            pd(60.0, 2.0, *past[-1 - lag], np.zeros(shape), np.zeros(shape)) for lag in range(6)
+        ]
+        off = np.abs(np.array(by_lag) - actuator.applied_effort)
+        wrong += int((off.min(axis=0) > 1e-9).sum())
+    return wrong
+
+
+@pytest.mark.parametrize("n_sims", [None, 3])
+@pytest.mark.parametrize("options", [{}, {"delay_hold_prob": 1.0}, {"delay_update_period": 5}])
+def test_a_shared_lag_keeps_the_targets_of_a_command_together(options, n_sims):
+    wander = {"delay_max_lag": 5, **options}
+    assert out_of_step({**wander, "delay_shared": True}, n_sims=n_sims) == 0
+    assert out_of_step(wander, n_sims=n_sims) > 3  # independent, as documented
+
+
+def test_a_constant_lag_keeps_them_together_by_default():
+    assert out_of_step({"delay_min_lag": 3, "delay_max_lag": 3}) == 0
+
+
+def test_a_shared_lag_is_drawn_from_the_same_distribution():
+    actuator, _ = built(wandering(delay_shared=True), robot())
+    lags = lags_of(actuator, n_steps=300)
+    for word in WORDS:
+        np.testing.assert_array_equal(lags[word], lags["position"])
+    assert {*lags["effort"].tolist()} == {*range(2, 10)}
+
+
+def test_a_shared_lag_goes_on_whichever_targets_a_command_has():
+    actuator, _ = built(wandering(delay_shared=True, delay_update_period=3), robot())
+    seen = []
+    for k in range(30):
+        words = ("position", "velocity") if k % 2 else ("position", "effort")
+        actuator.compute(ActuatorCmd(**{f"{word}_target": np.zeros(3) for word in words}))
+        seen.append(int(actuator.lag("effort")))
+    assert ((np.flatnonzero(np.diff(seen)) + 1) % 3 == 0).all()
+    assert len({*seen}) > 3
+
+
+# Redraws out of phase.
+
+
+def test_simulations_redraw_at_steps_of_their_own():
+    actuator, physics = built(
+        wandering(delay_update_period=10, delay_max_lag=900, delay_per_env_phase=True), robot()
+    )
+    batch = batch_of(physics, 40)
+    actuator.initialize(batch)
+    actuator.reset()
+    moves = np.diff(lags_of(actuator, n_steps=41)["position"], axis=0) != 0
+    first = moves.argmax(axis=0) + 1
+    assert len({*first.tolist()}) >= 8
+    assert first.max() <= 10
+    for row, step in enumerate(first):
+        np.testing.assert_array_equal(np.flatnonzero(moves[:, row]) + 1, np.arange(step, 41, 10))
+
+
+def test_a_phase_without_redraws_is_refused():
+    for options in ({}, {"delay_update_period": 5, "delay_hold_prob": 1.0}):
+        with pytest.raises(ValueError, match=r"delay_per_env_phase=True .* no redraws"):
+            wandering(delay_per_env_phase=True, **options)
+    with pytest.raises(ValueError, match="no redraws"):
+        delayed(IDEAL, 3, delay_per_env_phase=True, delay_update_period=5)
+
+
+# Lags that are set.
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_lags_that_are_set_hold_until_the_next_draw(shared):
+    options = {"delay_hold_prob": 1.0, "delay_shared": shared}
+    actuator, physics = built(wandering(**options), robot())
+    actuator.set_lags(7)
+    assert (lags_of(actuator)["velocity"] == 7).all()
+    batch = batch_of(physics, 4)
+    actuator.initialize(batch)
+    actuator.reset()
+    actuator.set_lags([2, 9], env_ids=[0, 3])
+    before = actuator.lag("effort")
+    assert before[[0, 3]].tolist() == [2, 9]
+    actuator.reset([1])
+    assert actuator.lag("effort")[[0, 2, 3]].tolist() == before[[0, 2, 3]].tolist()
+
+
+def test_a_set_lag_is_that_of_the_targets():
+    actuator, _ = built(wandering(delay_hold_prob=1.0), robot())
+    actuator.set_lags(4)
+    q, qd = actuator.base.state()
+    past = [np.full(3, float(k)) for k in range(15)]
+    for target in past:
+        actuator.compute(ActuatorCmd(position_target=target))
+    np.testing.assert_allclose(
+        actuator.computed_effort, pd(25.0, 0.4, past[-5], None, None, q, qd), rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("lags", [-1, 10, 2.5, [1, 2], float("nan")])
+def test_lags_that_cannot_be(lags):
+    actuator, _ = built(wandering(), robot())
+    with pytest.raises(ValueError, match=r"lags should be .*(0 to delay_max_lag=9|shape \(2,\))"):
+        actuator.set_lags(lags)
+
+
+def test_a_lag_that_mujoco_keeps_cannot_be_set_and_the_remedy_can():
+    actuator, _ = built(delayed(POSITION, 4), robot())
+    with pytest.raises(ValueError, match=r"always 4.*delay_min_lag below its delay_max_lag"):
+        actuator.set_lags(2)
+    remedy = DelayedActuatorCfg(
+        base_cfg=POSITION, delay_min_lag=3, delay_max_lag=4, delay_hold_prob=1.0
+    )
+    actuator, _ = built(remedy, robot())
+    actuator.set_lags(2)
+    assert (lags_of(actuator, ("position",))["position"] == 2).all()
 
 
 # Refusals.

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import dataclasses
+
 import numpy as np
 import pytest
+from dm_control import mjcf
 from mujoco.batch import Batch
 
 from tests.actuators.reference import clip, pd
@@ -106,16 +110,16 @@ def test_every_joint_follows_its_own_law(n_sims):
     for row in np.ndindex(shape[:-1]):
         for k, (q, qd) in enumerate(states):
             cmd = script[k]
-            late = script[max(k - 2, 0)].position_target
+            late = script[max(k - 2, 0)]
             hip, knee, rail = ((*row, j) for j in range(3))
             asked = [
                 pd(30.0, 0.5, cmd.position_target[hip], None, None, q[hip], qd[hip]),
                 pd(
                     20.0,
                     0.3,
-                    late[knee],
-                    cmd.velocity_target[knee],
-                    cmd.effort_target[knee],
+                    late.position_target[knee],
+                    late.velocity_target[knee],
+                    late.effort_target[knee],
                     q[knee],
                     qd[knee],
                 ),
@@ -324,3 +328,45 @@ def test_what_is_no_config():
     with pytest.raises(TypeError, match="should be actuator configs"):
         ActuatorGroup((HIP.build(),))
     assert len(ActuatorGroup(HIP).actuators) == 1
+
+
+G1 = ("left_hip_pitch_joint", "left_hip_roll_joint", "right_hip_pitch_joint", "waist_yaw_joint")
+
+
+def g1():
+    bodies = "".join(f'<body><joint name="{name}"/><geom size="0.1"/></body>' for name in G1)
+    return mjcf.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_groups_that_overlap_are_told_how_to_be_narrower(turned):
+    """The groups of the document's humanoid, of which one claims what is also another's."""
+    all_hips = BuiltinPositionActuatorCfg(
+        joint_names_expr=(".*_hip_.*", "waist_yaw_joint"), stiffness=180.0, damping=18.0
+    )
+    pitch = BuiltinPositionActuatorCfg(
+        joint_names_expr=("left_hip_pitch_joint", "right_hip_pitch_joint"),
+        stiffness=200.0,
+        damping=20.0,
+    )
+    cfgs = (pitch, all_hips) if turned else (all_hips, pitch)
+    message = refused(cfgs, g1())
+    assert "'left_hip_pitch_joint', 'right_hip_pitch_joint' is claimed by" in message
+    assert f"make the {'second' if turned else 'first'} narrower" in message
+    advice = ast.literal_eval(message.rsplit("joint_names_expr=", 1)[1])
+    mended = dataclasses.replace(all_hips, joint_names_expr=advice)
+    group = ActuatorGroup([mended if cfg is all_hips else cfg for cfg in cfgs])
+    group.edit_mjcf(g1())
+    assert group.joint_names == G1
+
+
+def test_ids_before_there_is_a_model():
+    group = ActuatorGroup((HIP, KNEE))
+    for name in ("joint_names", "joint_ids", "ctrl_ids", "elements", "driven", "positions"):
+        with pytest.raises(RuntimeError, match=r"edit_mjcf\(root\) before the model is compiled"):
+            getattr(group, name)
+    group.edit_mjcf(robot())
+    assert group.joint_names == ("hip", "knee")
+    for name in ("joint_ids", "ctrl_ids", "positions"):
+        with pytest.raises(RuntimeError, match=r"call initialize\(physics\)"):
+            getattr(group, name)

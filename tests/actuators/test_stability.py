@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 
 import mujoco
@@ -116,8 +117,60 @@ def test_the_warning_names_joint_bound_and_remedy():
     (message,) = warned(joint(), 2000.0, 9.0)
     for part in ("joint 'j'", "stiffness 2000 is beyond 1e+03 beside damping 9", "smaller gains"):
         assert part in message
-    motor = {"effort_limit": 1.0, "saturation_effort": 2.0, "velocity_limit": 3.0}
-    assert warned(joint(), 10.0, 12.0, DcMotorActuatorCfg, **motor)
+
+
+MOTOR = {"effort_limit": 1.0, "saturation_effort": 2.0, "velocity_limit": 3.0}
+
+
+@pytest.mark.parametrize("own", [0.0, 3.0])
+@pytest.mark.parametrize(("kp", "kd"), [(10.0, 16.0), (9000.0, 8.0), (2e5, 0.5), (0.0, 40.0)])
+@pytest.mark.parametrize(
+    ("cls", "options"),
+    [
+        (IdealPdActuatorCfg, {}),
+        (DcMotorActuatorCfg, MOTOR),
+        (BuiltinPositionActuatorCfg, {}),
+        (BuiltinPdActuatorCfg, {}),
+    ],
+)
+def test_every_remedy_is_one(cls, options, kp, kd, own):
+    (message,) = warned(joint(damping=own), kp, kd, cls, **options)
+    shorter = float(re.search(r"a timestep of (\S+) s", message)[1])
+    assert warned(joint(damping=own, timestep=shorter), kp, kd, cls, **options) == []
+    assert warned(joint(damping=own, timestep=1.05 * shorter), kp, kd, cls, **options)
+    native = "Builtin" in cls.__name__
+    if "implicitfast" in message:
+        assert cls is not DcMotorActuatorCfg
+        assert ("BuiltinPdActuatorCfg" in message) == (not native)
+        same = cls if native else BuiltinPdActuatorCfg
+        implicit = joint(damping=own, integrator="implicitfast")
+        assert warned(implicit, kp, kd, same) == []
+    else:
+        assert cls is DcMotorActuatorCfg or kp > 1e5
+        assert ("Python" in message) == (cls is DcMotorActuatorCfg)
+        more = float(re.search(r"\((\S+) kg·m² more\)", message)[1])
+        assert warned(joint(damping=own, armature=more), kp, kd, cls, **options) == []
+        assert warned(joint(damping=own, armature=0.95 * more), kp, kd, cls, **options)
+
+
+def test_implicit_integration_is_no_remedy_where_it_diverges_as_well():
+    """Just below and just above what MuJoCo's own position servo bears under implicitfast."""
+    kd, h, inertia = 1.0, 0.002, 0.01
+    most = 4 * inertia / h**2 + 2 * kd / h
+    for kp, named in ((0.98 * most, True), (1.02 * most, False)):
+        (message,) = warned(joint(), kp, kd, BuiltinPositionActuatorCfg)
+        assert ("implicitfast" in message) == named
+        root = joint(integrator="implicitfast")
+        cfg = BuiltinPositionActuatorCfg(joint_names_expr=("j",), stiffness=kp, damping=kd)
+        actuator = cfg.build()
+        actuator.edit_mjcf(root)
+        physics = mjcf.Physics.from_mjcf_model(root)
+        physics.data.qvel[0] = 1e-6
+        most_q, steps = 0.0, 0
+        while most_q < 1e-3 and steps < 3000:
+            mujoco.mj_step(physics.model.ptr, physics.data.ptr)
+            most_q, steps = max(most_q, abs(float(physics.data.qpos[0]))), steps + 1
+        assert (most_q < 1e-3) == named
 
 
 @pytest.mark.parametrize(

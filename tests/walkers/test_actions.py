@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dm_control import composer
@@ -18,6 +21,7 @@ from walkerkit.walkers.actions import (
     JointPositionAction,
     Joints,
     JointVelocityAction,
+    RelativeJointPositionAction,
 )
 
 NAMES = ("left_hip", "left_knee", "right_hip", "right_knee")
@@ -64,7 +68,7 @@ def value_at(numbers, name):
 
 
 bounds = st.lists(numbers(), min_size=2, max_size=2, unique=True).map(sorted).map(tuple)
-action_values = st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=4, max_size=4)
+action_values = st.lists(numbers(-1e200, 1e200), min_size=4, max_size=4)
 TERMS = {
     POSITION: JointPositionAction,
     VELOCITY: JointVelocityAction,
@@ -91,8 +95,7 @@ class TestLaw:
         asked = getattr(commander(term).command(action), target)
         for i, name in enumerate(NAMES):
             start = DEFAULT[i] if options.get("use_default_offset") else 0.0
-            each = min(max(action[i], -1.0), 1.0)
-            wanted = (value_at(offset, name) + start) + value_at(scale, name) * each
+            wanted = (value_at(offset, name) + start) + value_at(scale, name) * action[i]
             if clip is not None:
                 low, high = value_at(clip, name)
                 wanted = min(max(wanted, low), high)
@@ -119,6 +122,99 @@ class TestLaw:
         cmd = ActuatorCmd(position_target=DEFAULT + 5.0)
         np.testing.assert_allclose(bound.action(cmd), [10, 10, 0, 0])
         assert commander().action(cmd).shape == (0,)
+
+    def test_is_unbounded_without_a_clip(self):
+        cmd = commander(JointPositionAction(joint_names_expr=(".*",), scale=0.25)).command([12] * 4)
+        np.testing.assert_allclose(cmd.position_target, DEFAULT + 3.0)
+
+    @pytest.mark.parametrize("clip", [None, {".*_hip": (-1, 1)}])
+    def test_asks_for_nothing_that_is_not_finite(self, clip):
+        term = JointVelocityAction(joint_names_expr=(".*",), scale=1e9, clip=clip)
+        with pytest.raises(
+            ValueError, match=r"-1e\+300 for 'left_knee' asks for a velocity_target"
+        ):
+            commander(term).command([0, -1e300, 0, 0])
+        bounded = JointVelocityAction(joint_names_expr=(".*",), scale=1e9, clip=(-3, 4))
+        asked = commander(bounded).command([1e300, -1e300, 0, 0]).velocity_target
+        np.testing.assert_array_equal(asked, [4, -3, 0, 0])
+
+
+class TestRelative:
+    Q = np.array([0.5, -0.5, 1.0, 2.0])
+
+    def test_counts_from_where_the_joints_are(self):
+        bound = commander(
+            JointVelocityAction(joint_names_expr=("left_.*",)),
+            RelativeJointPositionAction(
+                joint_names_expr=("right_.*",), scale=0.2, offset=0.01, clip=(-0.3, 0.3)
+            ),
+        )
+        cmd = bound.command([0, 0, 0.5, -9], positions=self.Q)
+        np.testing.assert_allclose(
+            cmd.position_target, [DEFAULT[0], DEFAULT[1], 1.0 + 0.11, 2.0 - 0.3]
+        )
+        np.testing.assert_allclose(bound.action(cmd, self.Q)[2:], [0.5, -0.31 / 0.2])
+
+    def test_of_a_batch(self):
+        bound = commander(RelativeJointPositionAction(joint_names_expr=(".*_hip",)))
+        q = np.stack([self.Q, -self.Q, 3 * self.Q])
+        cmd = bound.command(np.full((3, 2), 0.1), (3,), q)
+        np.testing.assert_allclose(cmd.position_target[:, ::2], q[:, ::2] + 0.1)
+
+    def test_needs_positions(self):
+        bound = commander(RelativeJointPositionAction(joint_names_expr=("left_hip",)))
+        with pytest.raises(ValueError, match=r"\['left_hip'\] are counted from where"):
+            bound.command([0.0])
+
+    def test_of_a_walker_follows_the_joint_at_every_physics_step(self, tmp_path):
+        term = RelativeJointPositionAction(joint_names_expr=(".*_hip",), scale=0.1)
+        walker = dog(tmp_path, action=term)
+        environment = composer.Environment(Drive(walker), random_state=0)
+        environment.reset()
+        seen, run = [], walker.drivetrain.run
+
+        def watched():
+            before = walker.actuator_group.positions
+            run()
+            seen.append(walker.command.position_target - before)
+
+        walker.drivetrain.run = watched
+        n = walker.action_spec.shape[0]
+        environment.step([np.r_[np.full(4, 2.0), np.zeros(n - 4)]])
+        hips = [name.endswith("hip") for name in walker.actuator_group.joint_names]
+        assert len(seen) > 1
+        np.testing.assert_allclose(np.array(seen)[:, hips], 0.2, atol=1e-12)
+        # A command of someone else's stays.
+        mine = ActuatorCmd(position_target=np.zeros(len(hips)))
+        walker.command = mine
+        run()
+        assert walker.command is mine
+
+    def test_inverse_of_a_walker_is_counted_from_the_pose(self, tmp_path):
+        term = RelativeJointPositionAction(joint_names_expr=(".*",), scale=0.5)
+        walker = dog(tmp_path, action=term)
+        environment = composer.Environment(Drive(walker), random_state=0)
+        environment.reset()
+        q = walker.actuator_group.positions
+        wanted = ActuatorCmd(position_target=q + 0.25)
+        np.testing.assert_allclose(walker.action_for(wanted)[: len(q)], 0.5, atol=1e-12)
+
+
+class TestEncoderBias:
+    @given(
+        bias=per_joint(numbers(-3, 3)),
+        scale=per_joint(numbers(0.1, 10)),
+        action=st.lists(numbers(-5, 5), min_size=4, max_size=4),
+    )
+    def test_is_what_the_joint_is_asked_for_less(self, bias, scale, action):
+        plain = {"joint_names_expr": (".*",), "scale": scale, "clip": (-2.0, 2.0)}
+        biased = commander(JointPositionAction(**plain, encoder_bias=bias))
+        wanted = commander(JointPositionAction(**plain)).command(action).position_target
+        cmd = biased.command(action)
+        off = np.array([value_at(bias, name) for name in NAMES])
+        np.testing.assert_allclose(cmd.position_target, wanted - off, atol=1e-12)
+        again = biased.command(biased.action(cmd)).position_target
+        np.testing.assert_allclose(again, cmd.position_target, atol=1e-12)
 
 
 class TestDefaultOffset:
@@ -161,13 +257,17 @@ class TestSharing:
         np.testing.assert_array_equal(bound.command([0] * 4 + [0.5]).effort_target, [2, 0, 0, 0])
 
     def test_of_one_target_by_two_terms_is_refused(self):
+        one = JointPositionAction(joint_names_expr=("left_.*",))
+        other = JointPositionAction(joint_names_expr=(".*_hip",))
         with pytest.raises(
-            ValueError, match=r"two action terms set the position_target of 'left_hip'"
-        ):
-            commander(
-                JointPositionAction(joint_names_expr=("left_.*",)),
-                JointPositionAction(joint_names_expr=(".*_hip",)),
-            )
+            ValueError, match=r"two action terms set the position_target of 'left_hip': make"
+        ) as caught:
+            commander(one, other)
+        advice = ast.literal_eval(str(caught.value).split("joint_names_expr=")[1])
+        mended = JointPositionAction(joint_names_expr=advice)
+        assert {*commander(mended, other).names} == {"left_knee", "left_hip", "right_hip"}
+        with pytest.raises(ValueError, match="leave one of the two out"):
+            commander(one, one)
 
     def test_one_command_does_not_reach_into_the_next(self):
         bound = commander(JointPositionAction(joint_names_expr=(".*",)))
@@ -263,6 +363,29 @@ class TestFullRange:
         np.testing.assert_array_equal(low.effort_target, -high.effort_target)
         assert not middle.effort_target.any()
         assert high.position_target is None
+
+    def test_spans_what_is_not_even_about_zero(self):
+        known = joints(takes=({EFFORT}, {VELOCITY}, {EFFORT}, {EFFORT}))
+        reach = {
+            EFFORT: np.array([[-2.0, 10.0], [0, 0], [-np.inf, 4.0], [3.0, 5.0]]),
+            VELOCITY: np.array([[0, 0], [-1.0, 3.0], [0, 0], [0, 0]]),
+        }
+        bound = Commander((FullRangeAction(),), replace(known, reach=reach))
+        low, middle, high = (bound.command(np.full(4, value)) for value in (-1.0, 0.0, 1.0))
+        np.testing.assert_array_equal(low.effort_target, [-2, 0, -1, 3])
+        np.testing.assert_array_equal(middle.effort_target, [4, 0, 0, 4])
+        np.testing.assert_array_equal(high.effort_target, [10, 0, 1, 5])
+        np.testing.assert_array_equal(
+            [low.velocity_target[1], high.velocity_target[1]], [-1.0, 3.0]
+        )
+
+    @given(st.lists(numbers(-1e300, 1e300), min_size=4, max_size=4))
+    def test_clips_the_action(self, action):
+        bound = commander(FullRangeAction(), ranges=self.RANGES)
+        np.testing.assert_array_equal(
+            bound.command(action).position_target,
+            bound.command(np.clip(action, -1, 1)).position_target,
+        )
 
     def test_goes_by_kinematic_order(self):
         takes = ({VELOCITY}, {POSITION}, {EFFORT}, {POSITION})
