@@ -249,7 +249,7 @@ def summarise(
         remaining=standing_out(map_told.after) if map_told and verdict != "no_gap" else (),
         maps=maps,
         effects=effects,
-        unknown=None if explanation.unknown is None else explanation.unknown.weight,
+        unknown=explanation.unknown,
         considered=considered(explanation),
         next_experiment=following.experiment if following else None,
         obstacle=obstacle(problem),

@@ -29,7 +29,7 @@ from walkerkit.gap.search.propose import proposals
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried, merged
-from walkerkit.gap.search.unknown import Unknown, unknown_weight
+from walkerkit.gap.search.unknown import unknown_weight
 from walkerkit.gap.simulation.mend import mend
 
 FloatArray = NDArray[np.float64]
@@ -70,8 +70,8 @@ class Explanation:
         gains: round and name of every effect that was tried, to what it takes off the score of the
             fitted recordings: in round 1 each of the ground, by leaving it out; in round 2 rare ones
             beside that; and so on.
-        unknown: how much of what is missing the catalogue cannot name; None where nothing was
-            looked for, or no free effort can be told.
+        unknown: the weight of what is named with an effort beside it that the catalogue cannot
+            name; None where nothing was looked for, or no such effort can be told.
         searched: whether anything was looked for: the model as given leaves a gap.
         whole: the fit is one to whole rollouts, not to stretches of them.
     """
@@ -81,7 +81,7 @@ class Explanation:
     table: Table
     gains: Mapping[tuple[int, str], float]
     searched: bool
-    unknown: Unknown | None = None
+    unknown: float | None = None
     whole: bool = False
 
 
@@ -108,7 +108,6 @@ def name_effects(
     current = ground(problem, effects, nothing, progress)
     if current is not nothing:
         current = book.add(current)
-    plain = current
     rare = [effect for effect in effects if not effect.ordinary]
     current = _grown(problem, book, rare, current, progress)
     for _ in range(_EXCHANGES):
@@ -116,7 +115,7 @@ def name_effects(
         if book.best.fit.structure.key == current.structure.key:
             break
         current = _grown(problem, book, rare, book.best.fit, progress)
-    return _explanation(problem, book, only_needed(problem, book.best), searched=True, plain=plain)
+    return _explanation(problem, book, only_needed(problem, book.best), searched=True)
 
 
 def _grown(
@@ -216,36 +215,23 @@ def _of_kept(member: Member) -> Structure:
     return merged(Structure(tuple(terms), structure.robots))
 
 
-def _explanation(
-    problem: Problem, book: Book, final: Fit, *, searched: bool, plain: Fit | None = None
-) -> Explanation:
-    unknown = None if plain is None else _unknown(problem, plain, final)
+def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) -> Explanation:
+    robots = [mend(final.structure.trials(robot, final.values[None])) for robot in problem.robots]
     whole = _over_whole(problem, final)
     table = book.table
-    named = [_named(problem, table, term, final, unknown) for term in final.structure.terms]
+    named = [_named(problem, table, term, final) for term in final.structure.terms]
     return Explanation(
         fit=final if whole is None else whole,
         named=tuple(sorted(named, key=lambda one: -round(one.confidence, 2))),
         table=table,
         gains=book.gains,
         searched=searched,
-        unknown=unknown,
+        unknown=unknown_weight(problem, robots) if searched else None,
         whole=whole is not None,
     )
 
 
-def _unknown(problem: Problem, plain: Fit, final: Fit) -> Unknown | None:
-    robots = [
-        [mend(one.structure.trials(robot, one.values[None])) for robot in problem.robots]
-        for one in (plain, final)
-    ]
-    rare = _rare(final)
-    return unknown_weight(problem, *robots, len(rare), sum(len(term.places) for term in rare))
-
-
-def _named(
-    problem: Problem, table: Table, term: Term, final: Fit, unknown: Unknown | None
-) -> Named:
+def _named(problem: Problem, table: Table, term: Term, final: Fit) -> Named:
     name, sites = term.effect.name, set(term.sites)
     present = {other.effect.name for other in final.structure.terms}
     signals = {
@@ -265,12 +251,9 @@ def _named(
         },
     )
     equivalent = {k: why for k, why in known.items() if k in CATALOGUE and k not in present}
-    confidence = table.confidence({name, *equivalent}) if term.effect.fitted else 1.0
-    if unknown is not None and not term.effect.ordinary:
-        confidence *= 1 - unknown.instead
     return Named(
         term=term,
-        confidence=confidence,
+        confidence=table.confidence({name, *equivalent}) if term.effect.fitted else 1.0,
         exchanges=table.exchanges(name),
         equivalent=equivalent,
     )

@@ -1,30 +1,21 @@
 """The member of every comparison that the catalogue does not have: a free effort at each joint.
 
-    unknown = unknown_weight(problem, given, named)
-    unknown.weight          # of the structures with a free effort
-    unknown.instead         # of those that have it instead of what was named
+    unknown_weight(problem, robots)     # of the structures with a free effort
 
 A smooth function of a joint's motion and effort, of which nothing is known but that it is smooth,
 predicts the effort that the simulation lacks in blocks of time that it has not seen. Where it does,
-something is missing that has no name; where it does so better than what was named, that may be it.
+something is missing beside what was named.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
+from scipy.special import expit, gammaln
 
-from walkerkit.gap.search.decision import (
-    PRICE_PLACE,
-    PRICE_RARE,
-    PRICE_UNKNOWN,
-    TAILS,
-    TEMPERATURE,
-)
+from walkerkit.gap.search.decision import PRICE_UNKNOWN, TAILS, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.stopgap.residual import ResidualEffort, residual_effort
@@ -40,79 +31,39 @@ _DRAWS = 1000
 _SLOW = 0.05  # of a joint's peak speed, over which dry friction turns
 
 
-@dataclass(frozen=True, kw_only=True)
-class Unknown:
-    """How much of what is missing the catalogue cannot name.
-
-    Attributes:
-        weight: of all structures that have a free effort.
-        instead: of that which has it in place of all rare effects that were named.
-    """
-
-    weight: float
-    instead: float
-
-
-def unknown_weight(
-    problem: Problem, plain: Sequence[Robot], named: Sequence[Robot], rare: int, places: int
-) -> Unknown | None:
-    """Weighs a free effort beside what was named, and instead of it.
+def unknown_weight(problem: Problem, named: Sequence[Robot]) -> float | None:
+    """The weight of what was named with a free effort beside it, over that without.
 
     Args:
         problem: the recordings; only those that are fitted are looked at.
-        plain: the robots with the ordinary effects alone.
         named: the robots with all that was named.
-        rare: how many rare effects that is.
-        places: and at how many places.
 
     Returns:
-        The weights; None where no effort can be told, as of a base that floats.
+        The weight; None where no effort can be told, as of a base that floats.
     """
     if any(robot.base is not None for robot in problem.robots):
         return None
-    joints = problem.joints
-    missing = [residual_effort(problem, robots, joints, ("fit",)) for robots in (plain, named)]
-    gains = []
-    for k in range(len(joints)):
-        blocks = _densities(*missing, k)
-        if blocks is not None:
-            gains.append(blocks)
-    if not gains:
+    missing = residual_effort(problem, named, problem.joints, ("fit",))
+    gains = [] if missing is None else [_gains(missing, k) for k in range(len(problem.joints))]
+    known = [one for one in gains if one is not None]
+    if not known:
         return None
-    # (draws, 3) of what was named, that with a free effort, and the ordinary with a free effort.
     rng = np.random.default_rng(_SEED)
-    total = np.zeros((_DRAWS, 3))
-    for blocks in gains:
-        drawn = rng.dirichlet(np.ones(len(blocks)), size=_DRAWS) * len(blocks)
-        total += drawn @ blocks
-    free = PRICE_UNKNOWN
-    own = PRICE_RARE * rare + PRICE_PLACE * places
-    logs = total / TEMPERATURE - np.array([own, own + free, free])
-    logs -= logs.max(axis=1, keepdims=True)
-    weights = np.exp(logs)
-    weights /= weights.sum(axis=1, keepdims=True)
-    _, beside, instead = weights.mean(axis=0)
-    return Unknown(weight=float(beside + instead), instead=float(instead) if rare else 0.0)
+    total = np.zeros(_DRAWS)
+    for blocks in known:
+        total += rng.dirichlet(np.ones(len(blocks)), size=_DRAWS) @ blocks * len(blocks)
+    return float(expit(total / TEMPERATURE - PRICE_UNKNOWN).mean())
 
 
-def _densities(
-    plain: ResidualEffort | None, named: ResidualEffort | None, joint: int
-) -> FloatArray | None:
-    """(n_blocks, 3) log densities of the missing effort of a joint, out of its block."""
-    if plain is None or named is None:
+def _gains(missing: ResidualEffort, joint: int) -> FloatArray | None:
+    """(n_blocks,) log densities of the missing effort of a joint with a free one, over without."""
+    missing = missing.at(np.isfinite(missing.residual[:, joint]))
+    if len(missing.time) < _FEWEST:
         return None
-    rows = np.isfinite(plain.residual[:, joint]) & np.isfinite(named.residual[:, joint])
-    if rows.sum() < _FEWEST:
-        return None
-    plain, named = plain.at(rows), named.at(rows)
-    features = _features(named, joint)
-    _, block = np.unique(named.block, return_inverse=True)
-    left = [
-        named.residual[:, joint],
-        _across(features, named.residual[:, joint], block),
-        _across(features, plain.residual[:, joint], block),
-    ]
-    return np.stack([_density(one, block) for one in left], axis=1)
+    target = missing.residual[:, joint]
+    _, block = np.unique(missing.block, return_inverse=True)
+    left = _across(_features(missing, joint), target, block)
+    return _density(left, block) - _density(target, block)
 
 
 def _features(missing: ResidualEffort, joint: int) -> FloatArray:
