@@ -30,7 +30,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+_OUR_FAILURE = 1
 _INTERRUPTED, _CLOSED_PIPE = 130, 141  # as of processes that the signals end
+_MOST_TOLD = 200  # characters of an error that is ours; the file has them all
 # typer exports one kind of usage error, but not the class that all of them have in common.
 _UsageError: type[typer.BadParameter] = typer.BadParameter.__mro__[1]
 
@@ -369,6 +371,9 @@ def main() -> None:
         status = _INTERRUPTED
     except (BrokenPipeError, SystemExit):  # rich and typer end the process of a closed pipe so
         status = _CLOSED_PIPE
+    except Exception as error:  # whatever it is, it is ours
+        _admit(error)
+        status = _OUR_FAILURE
     if status == _INTERRUPTED:
         typer.echo("walkerkit: interrupted. The same command goes on from there.", err=True)
     try:
@@ -383,6 +388,20 @@ def main() -> None:
 def _refuse(message: str) -> NoReturn:
     typer.echo(f"walkerkit: {' '.join(message.split())}", err=True)
     raise SystemExit(2) from None
+
+
+def _admit(error: Exception) -> None:
+    """Says in one line that this is a failure of ours, and which file tells more of it."""
+    from walkerkit.gap.errors import one_line
+    from walkerkit.gap.failure import report
+
+    path = report(error, sys.argv[1:])
+    more = "" if path is None else f" Please send us {path}, which has the details."
+    typer.echo(
+        f"walkerkit: this is a failure of ours: {type(error).__name__}: "
+        f"{one_line(error)[:_MOST_TOLD]}.{more}",
+        err=True,
+    )
 
 
 def _console(file: TextIO | None = None) -> Any:

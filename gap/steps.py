@@ -33,6 +33,7 @@ from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import locate as rank
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces, unit_of
+from walkerkit.gap.search.buildable import why_not
 from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.fit import Progress, evaluate, polish
 from walkerkit.gap.search.fit import fit as improve
@@ -253,6 +254,11 @@ def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -
 
 def _term(problem: Problem, name: str, sites: Sequence[str] | str) -> Term:
     effect_names(name)
+    problem_of_it = why_not(CATALOGUE[name], problem.robots, problem.joints)
+    if problem_of_it is not None:
+        raise InputError(
+            f"{name} cannot be built for {problem.robots[0].source}: {problem_of_it}. Leave it out."
+        )
     possible = candidate_terms([CATALOGUE[name]], problem.robots, problem.joints)
     everywhere = possible[0].sites if possible else ()
     wanted = (sites,) if isinstance(sites, str) else tuple(sites)

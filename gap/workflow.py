@@ -44,6 +44,7 @@ from walkerkit.gap.report.diagnosis import Diagnosis
 from walkerkit.gap.report.notes import warning_notes
 from walkerkit.gap.report.output import DIAGNOSES, main_files
 from walkerkit.gap.report.result import Result, summarise
+from walkerkit.gap.search.buildable import buildable
 from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Round, name_effects
@@ -193,8 +194,8 @@ def diagnose(
 
 def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -> Result:
     """Names effects, mends the robots and puts it all into words."""
-    problem, rounds = _named(setup, chosen, progress)
-    last, told = rounds[-1], list[str]()
+    problem, rounds, left_out = _named(setup, chosen, progress)
+    last, told = rounds[-1], [*left_out]
     one_sided = last.one_sided and not last.fit.structure.terms
     if one_sided and setup.declared:
         told.append(
@@ -204,7 +205,7 @@ def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -
     elif one_sided and setup.may_split_in_time:
         # An effect that one recording alone excites can be neither fitted nor confirmed on others.
         in_time = setup.split_in_time()
-        other_problem, other_rounds = _named(in_time, chosen, progress)
+        other_problem, other_rounds, _ = _named(in_time, chosen, progress)
         if other_rounds[-1].fit.structure.terms:
             problem, rounds = other_problem, other_rounds
             told.append(_in_time(setup.held_out))
@@ -409,5 +410,13 @@ def _known_hold(robots: Sequence[Robot]) -> Hold | None:
 
 def _named(
     setup: Setup, effects: Sequence[Effect], progress: Progress | None
-) -> tuple[Problem, tuple[Round, ...]]:
-    return name_with_best_hold(setup.problem, _known_hold(setup.robots), effects, progress)
+) -> tuple[Problem, tuple[Round, ...], tuple[str, ...]]:
+    """Names the effects that the robots can have; with a note of each that they cannot."""
+    known = _known_hold(setup.robots)
+    first = setup.problem(known or "zero_order")
+    possible, left_out = buildable(effects, first.robots, first.joints)
+
+    def problem(hold: Hold) -> Problem:
+        return first if hold == first.hold else setup.problem(hold)
+
+    return *name_with_best_hold(problem, known, possible, progress), left_out

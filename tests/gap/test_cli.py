@@ -843,3 +843,25 @@ def test_our_own_failure_is_exit_status_1(folder: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(sys, "argv", ["walkerkit", "compare", "servo.xml", "a.csv"])
     with pytest.raises(RuntimeError, match="ours"):
         cli.main()
+
+
+def test_a_failure_of_ours_is_one_line_and_a_file_to_send(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*arguments: Any, **options: Any) -> None:
+        raise ZeroDivisionError("a fault\nof two lines")
+
+    monkeypatch.setattr(workflow, "compare", fails)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    ended = run("compare", "leg.xml", "walk.csv")
+    assert ended.status == 1
+    (file,) = tmp_path.glob("walkerkit-failure-*.txt")
+    assert ended.err == (
+        "walkerkit: this is a failure of ours: ZeroDivisionError: a fault of two lines. "
+        f"Please send us {file}, which has the details.\n"
+    )
+    told = file.read_text(encoding="utf-8")
+    assert "command: walkerkit compare leg.xml walk.csv\n" in told
+    assert f"walkerkit {metadata.version('walkerkit')}\n" in told
+    assert "Traceback" in told
+    assert "in fails" in told
