@@ -299,7 +299,7 @@ def simulate(
     model: Annotated[
         str,
         typer.Argument(
-            help="MJCF file or package.module:callable, of a robot with position actuators."
+            help="MJCF file or package.module:callable, of a robot with servos or motors."
         ),
     ],
     more: Annotated[
@@ -321,8 +321,8 @@ def simulate(
 ) -> None:
     """Rehearse: record simulated hardware with effects hidden in it.
 
-    Each actuator has to be a position servo, as positions are what is sent:
-    a robot that takes efforts or speeds cannot be rehearsed.
+    Position servos are sent positions. Beside motors and velocity servos
+    a computer goes for the positions, and what it sends is logged.
     Any effect but timestep can be hidden, which is no robot's;
     ground_friction and ground_compliance where a robot floats,
     with spheres for feet and a level plane.

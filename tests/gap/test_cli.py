@@ -791,11 +791,13 @@ def test_simulate_takes_a_callable(run: Run, folder: Path) -> None:
 
 
 def test_simulate_says_which_robots_and_effects_it_takes(run: Run, folder: Path) -> None:
-    (folder / "motor.xml").write_text(SERVO.replace(ACTUATOR, '<motor joint="knee"/>'))
-    outcome = run("simulate", "motor.xml")
-    refused(outcome, "motor.xml", "is not a plain position servo", "no controller", "efforts")
+    (folder / "muscle.xml").write_text(
+        SERVO.replace(ACTUATOR, '<muscle joint="knee" lengthrange="0 1"/>')
+    )
+    outcome = run("simulate", "muscle.xml")
+    refused(outcome, "muscle.xml", "is neither a plain servo nor a plain motor", "Rehearse with")
     told = " ".join(run("simulate", "--help").out.split())
-    for word in ("timestep", "ground_friction", "ground_compliance", "efforts"):
+    for word in ("timestep", "ground_friction", "ground_compliance", "motors"):
         assert word in told
 
 
