@@ -28,6 +28,7 @@ _FLAT, _FLAT_TIME = 5, 0.02  # samples and seconds that a reading has to stay at
 _AVERAGED = 10  # samples, over which a speed is taken
 _AT_SPEED = 0.5  # of the largest; a joint that stops has slowed down before
 _MOVES = 3.0  # least steps of the encoder between samples, for repeated ones to mean anything
+_ON = 0.01  # of the target's own way, that it moves on while a reading stands
 _REPEATS = 0.4  # of the samples of a motion
 _LEAD_ALIKE = 0.8  # correlation of the speeds of target and measurement
 _LEAD_CLEARER = 0.05  # by which it has to be better than in step
@@ -127,13 +128,32 @@ def _clipped(recording: Recording, joint: str, position: FloatArray) -> Iterator
             length = recording.time[end - 1] - recording.time[start]
             if start < span or end - start < _FLAT or length < _FLAT_TIME:
                 continue
-            if speed[start - span] >= fast:
+            sign = 1.0 if word == "largest" else -1.0
+            if speed[start - span] >= fast and _goes_on(recording, joint, sign, start, end):
                 yield (
                     f"{joint}/position stays at its {word} value {extreme:.6g} for {length:.3g} s "
                     f"from {recording.time[start]:.6g} s, and reached it at speed: a saturated "
                     "encoder, or a stop. It was taken as measured"
                 )
                 break
+
+
+def _goes_on(recording: Recording, joint: str, sign: float, start: int, end: int) -> bool:
+    """Whether a joint was to move on while its reading stood; a servo that got there is to stand.
+
+    Args:
+        recording: the log.
+        joint: one of its joints.
+        sign: in which direction.
+        start, end: the samples that stood.
+    """
+    target = recording.signal(joint, "position_target")
+    if target is None:
+        return True  # nobody knows
+    before = target[max(start - _AVERAGED, 0)]
+    return bool((sign * (target[start:end] - before)).max() > _ON * np.ptp(target)) and bool(
+        np.ptp(target[start:end]) > 0
+    )
 
 
 def _stale(recording: Recording, joint: str, position: FloatArray) -> Iterator[str]:

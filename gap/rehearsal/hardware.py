@@ -9,10 +9,9 @@ gear, friction and log are laws of their own in numpy (the `hardware_…` module
 efforts, and what is logged is late, noisy and quantised. Of the model it keeps bodies, inertia,
 gravity, springs, joint limits and contacts but those of feet that stand on the ground.
 
-The log has each joint's target as it was sent, `position` and `velocity` as the encoder reads them, and `effort` as the drive believes it delivers it: after its own limits and lags,
-without a wrong torque constant, bias, ripple, spring or friction; and of a base that floats its
-pose and velocity.
-
+The log has each joint's target as it was sent, `position` and `velocity` as the encoder reads them,
+and `effort` as the drive believes it delivers it: after its own limits and lags, without a wrong
+torque constant, bias, ripple, spring or friction; and of a base that floats its pose and velocity.
 Where a drive takes efforts or speeds, a computer beside the robot goes for the positions, and the
 log has the `effort_target` or `velocity_target` that it sent.
 
@@ -130,7 +129,7 @@ def run_hardware(
     for i, (name, command) in enumerate(zip(names, commands, strict=True)):
         rng = np.random.default_rng(seeds[i])
         read = readings(rows[:, : len(command), i], rng)
-        commands = command if told is None else told.rows(len(command))[:, i]
+        commands: Array = command if told is None else told.rows(len(command))[:, i]
         columns = {
             f"{joint}/{signal}": values[:, j]
             for j, (joint, kind) in enumerate(zip(drives.joints, drives.kinds, strict=True))
@@ -256,9 +255,7 @@ def _run(
     soil = Soil(model, hidden, step=step, n_sims=n_sims)
     told = None
     if set(drives.kinds) != {"position"}:
-        told = Companion(
-            drives, hidden, step=step, start=start, stride=stride, shape=sent.shape
-        )
+        told = Companion(drives, hidden, step=step, start=start, stride=stride, shape=sent.shape)
     free = free_joint(model)
     _follow_damping(model, drives, step)
     # Only a persistent batch goes on from the velocities that the ground asks for.
@@ -314,8 +311,8 @@ def _run(
 def _follow_damping(model: mujoco.MjModel, drives: Drives, step: float) -> None:
     """Lets light joints with much damping be stepped, as MuJoCo's own damping is.
 
-    All efforts here are explicit, f(v): I (v' − v) = h f(v). Where damping stops a joint within a
-    step or so, that diverges, and what MuJoCo does of damping b is taken: (I + h b)(v' − v) = h f(v),
+    All efforts here are explicit, f(v): I (v' − v) = h f(v). Where a damping b stops a joint within
+    a step or so, that diverges, and what MuJoCo does of damping is taken: (I + h b)(v' − v) = h f(v),
     which is as exact for all that is slower. It takes an armature of h b, of the bodies alone.
     """
     drag = drives.damping[0].copy()

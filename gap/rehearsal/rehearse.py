@@ -6,11 +6,11 @@ friction with bristles, four times finer steps, quantised encoders, noise.
     rehearsal = rehearse("leg.xml", ["coulomb_friction"], seed=7)
     rehearsal.recordings, rehearsal.hidden
 
-The experiments are positions to go to: servos are sent them, and beside motors a computer closes the
-loop, whose efforts are logged as what was sent.
+The experiments are positions to go to: servos are sent them; beside motors a computer closes the
+loop, and the efforts that it sends are logged.
 
-Limits: every actuator is a plain servo or motor of a joint. What stands under a robot can be hidden only
-where that floats, and has spheres for feet and a level plane. A timestep is no robot's.
+Limits: every actuator is a plain servo or motor of a joint. What stands under a robot can be hidden
+only where that floats, and has spheres for feet and a level plane. A timestep is no robot's.
 """
 
 from __future__ import annotations
@@ -134,9 +134,7 @@ def rehearse(
     return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
 
 
-def _stable(
-    robot: Robot, sent: Sequence[FloatArray], seed: int
-) -> tuple[list[Recording], int]:
+def _stable(robot: Robot, sent: Sequence[FloatArray], seed: int) -> tuple[list[Recording], int]:
     """The experiments with nothing hidden, in steps that are short enough; and how many they are.
 
     Raises:
@@ -144,9 +142,7 @@ def _stable(
     """
     for substeps in _SUBSTEPS:
         try:
-            found = run_hardware(
-                robot.model, sent, seed=seed, names=EXPERIMENTS, substeps=substeps
-            )
+            found = run_hardware(robot.model, sent, seed=seed, names=EXPERIMENTS, substeps=substeps)
         except RuntimeError:
             continue
         return found, substeps

@@ -23,7 +23,7 @@ ORDINARY = {"length": 0.25, "size": 0.02, "mass": 0.5, "joint": 'damping="0.1" a
 LIGHT = {"length": 0.03, "size": 0.006, "mass": 0.003}
 DRIVES = {
     "motor": '<motor joint="{joint}" gear="-12" ctrlrange="-1 1" ctrllimited="true"/>',
-    "velocity": '<velocity joint="{joint}" kv="3" gear="2" forcerange="-20 20"/>',
+    "velocity": '<velocity joint="{joint}" kv="0.4" gear="2" forcerange="-20 20"/>',
     "general": '<general joint="{joint}" gainprm="8" biastype="affine" biasprm="0 -30 -1"/>',
 }
 
@@ -63,9 +63,9 @@ def test_what_is_logged_of_any_drive_leaves_no_gap_in_its_own_model(tmp_path, ki
     target = {"motor": "effort_target", "velocity": "velocity_target"}.get(kind, "position_target")
     for log in logs:
         for joint in SHOULDER_AND_ELBOW:
-            assert {f"{joint}/{signal}" for signal in ("position", "velocity", "effort", target)} <= {
-                *log.columns
-            }
+            assert {
+                f"{joint}/{signal}" for signal in ("position", "velocity", "effort", target)
+            } <= {*log.columns}
             assert np.ptp(log.columns[f"{joint}/position"]) > 0.2
     assert len(logs[0].columns) == 8
     assert gap.compare(path, logs).verdict == "no_gap"
@@ -96,7 +96,7 @@ def test_friction_hidden_in_a_robot_under_torque_is_named(tmp_path):
 
 def test_what_only_servos_have_is_not_hidden_in_motors(tmp_path):
     path = written(tmp_path, DRIVES["motor"], **ORDINARY)
-    with pytest.raises(InputError, match="position_gain.*a robot of position servos"):
+    with pytest.raises(InputError, match=r"position_gain.*a robot of position servos"):
         rehearse(path, ["position_gain"], seconds=2)
 
 
