@@ -47,6 +47,13 @@ HeldOut = Annotated[
     list[Path] | None,
     typer.Option(help="A recording that no fit may see. May be given several times."),
 ]
+Skip = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[FILE=]START:STOP",
+        help="Leave out a span of a recording, in seconds. May be given several times.",
+    ),
+]
 Window = Annotated[
     float,
     typer.Option(help="Seconds between restarts where joints are driven by effort."),
@@ -130,6 +137,7 @@ def compare(
     model: Model,
     recordings: Recordings = None,
     held_out: HeldOut = None,
+    skip: Skip = None,
     window: Window = 0.5,
     threads: Threads = 0,
     allow_code: AllowCode = False,
@@ -145,6 +153,7 @@ def compare(
             model,
             recordings or (),
             held_out=held_out or (),
+            skip=skip or (),
             window=window,
             n_threads=threads,
             allow_code=allow_code,
@@ -158,6 +167,7 @@ def diagnose(
     model: Model,
     recordings: Recordings = None,
     held_out: HeldOut = None,
+    skip: Skip = None,
     out: Out = Path("walkerkit-diagnosis"),
     window: Window = 0.5,
     effect: Effects = None,
@@ -180,6 +190,7 @@ def diagnose(
             model,
             recordings or (),
             held_out=held_out or (),
+            skip=skip or (),
             window=window,
             effects=effect,
             n_threads=threads,

@@ -1,8 +1,6 @@
 """What an angle may be that is too large for radians: degrees, per cent of a range, encoder ticks.
 
-    looks_like([position, target], lower, upper)
-    # "degrees; multiply it by pi/180 (numpy.deg2rad); or per cent of the range, as LeRobot writes by
-    #  default: ..."
+    looks_like([position, target], lower, upper)    # "degrees; multiply both by pi/180; or per ..."
 
 Several are said where the numbers do not decide, since who follows the wrong one gets a log that is
 read without a word and has the wrong scale.
@@ -28,7 +26,8 @@ def looks_like(columns: Sequence[FloatArray], lower: float, upper: float) -> str
 
     Args:
         columns: (T,) of the same joint and the same unit.
-        lower, upper: the joint's range [rad], infinite where it has none.
+        lower: least of the joint's range [rad], infinite where it has none.
+        upper: its greatest [rad].
     """
     every = np.concatenate(list(columns))
     least, most = float(every.min()), float(every.max())
@@ -39,21 +38,21 @@ def looks_like(columns: Sequence[FloatArray], lower: float, upper: float) -> str
     reach = max(abs(lower), abs(upper))
     if np.deg2rad(peak) <= _BEYOND * reach and not (resolution and peak > 360):
         found.append(f"degrees; multiply {it} by pi/180 (numpy.deg2rad)")
+    each = "it" if len(columns) == 1 else "each"
     if peak <= _FULL and np.isfinite(reach):
-        from_ends = least >= 0.0
-        width = f"{upper:g} - ({lower:g})"
-        share = "p / 100" if from_ends else "(p + 100) / 200"
+        ends, share = ("0 to 100", "p / 100") if least >= 0 else ("-100 to 100", "(p + 100) / 200")
         found.append(
-            f"per cent of the range (LeRobot's default), {'0 to 100' if from_ends else '-100 to 100'}; "
-            f"make {'it' if it == 'it' else 'each'} {lower:g} + {share} * ({width}), with the range "
-            "that was calibrated where that is not the model's"
+            f"per cent of the range, {ends} (LeRobot's default); make {each} "
+            f"{lower:g} + {share} * ({upper:g} - ({lower:g})), with the range that was calibrated "
+            "where that is not the model's"
         )
     if resolution:
-        middle = "" if least < 0 else f" - {resolution // 2}"
+        middle = resolution // 2
         found.append(
-            f"ticks of an encoder of {resolution} a turn; make {'it' if it == 'it' else 'each'} "
-            f"{'n' if least < 0 else f'(n{middle})'} * 2 * pi / {resolution}"
-            f"{'' if least < 0 else f', where {resolution // 2} is the tick at zero'}"
+            f"ticks of an encoder, {resolution} a turn; make {each} n * 2 * pi / {resolution}"
+            if least < 0
+            else f"ticks of an encoder, {resolution} a turn; make {each} "
+            f"(n - {middle}) * 2 * pi / {resolution}, where {middle} is the tick at zero"
         )
     if not found:
         found.append(f"degrees; multiply {it} by pi/180 (numpy.deg2rad)")

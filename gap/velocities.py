@@ -1,4 +1,4 @@
-"""Whether a logged velocity is the slope of its position, or that times a factor, or off by a number.
+"""Whether a logged velocity is the slope of its position, times a factor, or off by a number.
 
     found = disagreement(recording, "knee")       # None, or what they differ by
     found.sentence("knee")

@@ -126,6 +126,7 @@ def diagnose(
     recordings: OneOrMore = (),
     *,
     held_out: OneOrMore = (),
+    skip: Sequence[str] = (),
     window: float = WINDOW,
     effects: str | Sequence[str] | None = None,
     n_threads: int = 0,
@@ -142,6 +143,7 @@ def diagnose(
         model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
         recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see.
+        skip: spans of time that are left out, as "walk.csv=8.0:8.6", or "8.0:8.6" of the only one.
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
         effects: names of the effects to consider, or one; all by default.
@@ -164,7 +166,9 @@ def diagnose(
     start = time.perf_counter()
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
-            load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
+            load_experiments(
+                model, recordings, held_out=held_out, skip=skip, allow_code=allow_code
+            ),
             window=window,
             n_threads=n_threads,
             allow_outside=allow_outside,
@@ -238,6 +242,7 @@ def compare(
     recordings: OneOrMore = (),
     *,
     held_out: OneOrMore = (),
+    skip: Sequence[str] = (),
     window: float = WINDOW,
     n_threads: int = 0,
     allow_code: bool = False,
@@ -249,6 +254,7 @@ def compare(
         model: as for `diagnose`.
         recordings: as for `diagnose`.
         held_out: as for `diagnose`.
+        skip: as for `diagnose`.
         window: as for `diagnose`.
         n_threads: as for `diagnose`.
         allow_code: as for `diagnose`.
@@ -263,7 +269,9 @@ def compare(
     start = time.perf_counter()
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
-            load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
+            load_experiments(
+                model, recordings, held_out=held_out, skip=skip, allow_code=allow_code
+            ),
             window=window,
             n_threads=n_threads,
             allow_outside=allow_outside,

@@ -43,7 +43,7 @@ def check_recordings(recordings: Sequence[Recording]) -> None:
                 f"{source(recording)}: it has {len(recording.time)} samples, and a comparison "
                 f"takes at least {_FEWEST_SAMPLES}. Record for longer."
             )
-        steps = np.diff(recording.time)
+        steps = np.where(recording.starts_anew, 0.0, np.diff(recording.time))
         longest = int(np.argmax(steps))
         if steps[longest] > _LONGEST_PAUSE:
             raise InputError(

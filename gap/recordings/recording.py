@@ -26,9 +26,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from walkerkit.gap.errors import InputError, closest, refusal
+from walkerkit.gap.errors import InputError, closest, one_line, refusal
 from walkerkit.gap.recordings.clocks import on_one_clock
 from walkerkit.gap.recordings.files import describe_row, read, write
+from walkerkit.gap.recordings.spans import Spans, kept_rows
 from walkerkit.gap.recordings.stamps import coarse_stamps
 from walkerkit.gap.recordings.wiring import WiringError
 
@@ -75,6 +76,7 @@ class Recording:
         wiring: errors of wiring that were mended in the columns.
         part_of: the recording that this was cut from; it knows the commands before.
         file_rows: (T,) which row of the file each is, counted from 0, where some were left out.
+        skipped: from when to when it was left out [s]; nothing goes on across that.
 
     Raises:
         InputError: the data break the contract of this module.
@@ -89,6 +91,7 @@ class Recording:
     wiring: tuple[WiringError, ...] = ()
     part_of: Recording | None = None
     file_rows: npt.NDArray[np.intp] | None = None
+    skipped: Spans = ()
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -195,17 +198,48 @@ class Recording:
             file_rows=None if self.file_rows is None else self.file_rows[first:last],
         )
 
+    def without(self, *spans: tuple[float, float]) -> Recording:
+        """The recording without some spans of time; what is simulated starts anew after each.
+
+        Args:
+            spans: first time [s], and the time [s] from which on it is kept again.
+
+        Raises:
+            InputError: a span has no sample, or fewer than two are left.
+        """
+        kept = kept_rows(self.time, spans, str(self.source or self.name))
+        rows = np.arange(self.time.size) if self.file_rows is None else self.file_rows
+        return replace(
+            self,
+            time=self.time[kept],
+            columns={name: values[kept] for name, values in self.columns.items()},
+            file_rows=rows[kept],
+            skipped=(*self.skipped, *spans),
+            notes=(*self.notes, *_left_out(spans)),
+        )
+
+    @property
+    def starts_anew(self) -> npt.NDArray[np.bool_]:
+        """(T − 1,) whether something was skipped between a sample and the next."""
+        anew = np.zeros(self.time.size - 1, dtype=bool)
+        for start, _ in self.skipped:
+            before = int(np.searchsorted(self.time, start)) - 1
+            if 0 <= before < anew.size:
+                anew[before] = True
+        return anew
+
     @property
     def whole(self) -> Recording:
         """The recording that this is a part of, or itself."""
         return self.part_of or self
 
     @classmethod
-    def load(cls, path: str | Path) -> Recording:
+    def load(cls, path: str | Path, *, skip: Spans = ()) -> Recording:
         """Reads a recording.
 
         Args:
             path: a .csv, .parquet or .npz file.
+            skip: from when to when it is left out [s], whatever is wrong with it there.
 
         Returns:
             The recording, with `unused` and `notes` filled in.
@@ -228,6 +262,11 @@ class Recording:
         if numeric:  # else the constructor says which cell is no number
             one = on_one_clock(columns)
             columns, rows, held = one.columns, one.rows, one.notes
+        if skip and len({values.size for values in columns.values()}) == 1:
+            kept = kept_rows(_seconds(path, columns["time"]), skip, str(path))
+            rows = (np.arange(kept.size) if rows is None else rows)[kept]
+            columns = {name: values[kept] for name, values in columns.items()}
+            held = (*held, *_left_out(skip))
         recording = cls(
             name=path.stem,
             time=columns.pop("time"),
@@ -235,6 +274,7 @@ class Recording:
             source=path,
             unused=unused,
             file_rows=rows,
+            skipped=tuple(skip),
         )
         return replace(recording, notes=(*remarks, *held, *_notes(recording)))
 
@@ -414,13 +454,31 @@ def _some(names: Iterable[str]) -> str:
     return f" (there are {', '.join(shown)})" if shown else ""
 
 
+def _seconds(path: Path, time: npt.NDArray[Any]) -> Array:
+    """The times of a file that is cut before it is checked."""
+    try:
+        return time.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise refusal(
+            f"{path}: column 'time' has what is no number: {one_line(error)}. Write seconds."
+        ) from None
+
+
+def _left_out(spans: Spans) -> Iterator[str]:
+    for start, stop in spans:
+        first, last = (f"{t:.6g}" if np.isfinite(t) else "its end" for t in (start, stop))
+        yield f"{'its beginning' if np.isinf(start) else first} to {last} s was skipped, as asked"
+
+
 def _notes(recording: Recording) -> Iterator[str]:
-    steps = np.diff(recording.time) * 1e3
+    steps = np.diff(recording.time)[~recording.starts_anew] * 1e3
+    if not steps.size:
+        return
     low, middle, high = np.quantile(steps, (0.0, 0.5, 1.0))
     if high > 1.9 * middle or low < 0.5 * middle:  # from a missed sample on
         yield (
             f"irregular sampling: steps of {low:.3g} to {high:.3g} ms, median {middle:.3g} ms, "
-            f"longest at {recording.time[np.argmax(steps)]:.6g} s"
+            f"longest at {recording.time[:-1][~recording.starts_anew][np.argmax(steps)]:.6g} s"
         )
     for joint in recording.joints:
         if np.ptp(recording.columns[f"{joint}/position"]) == 0:

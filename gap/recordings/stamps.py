@@ -36,9 +36,9 @@ def coarse_stamps(time: FloatArray) -> str:
     if single and apart >= digits * (1 - _ROUNDED) and largest > 1e3:
         return (
             f"{shown}: they went through single precision (float32), which at {largest:.4g} s has "
-            f"steps of {digits:.3g} s. Write them in double precision, or take the first stamp away "
-            "before they are narrowed; where the rows came at a fixed rate, number them: time = "
-            "row / rate"
+            f"steps of {digits:.3g} s. Write them in double precision, or take the first stamp "
+            "away before they are narrowed; where the rows came at a fixed rate, number them: "
+            "time = row / rate"
         )
     if different.size < 2:
         return f"{shown}, {largest!r} s. Write the time at which each row was taken"

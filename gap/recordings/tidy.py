@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.errors import some
 from walkerkit.gap.recordings.base import missing
 from walkerkit.gap.recordings.recording import Recording
 
@@ -27,6 +28,7 @@ _NEAR_A_TURN = 0.6  # rad; between two samples a joint turns by less
 _FLAT, _FLAT_TIME = 5, 0.02  # samples and seconds that a reading has to stay at its largest
 _AVERAGED = 10  # samples, over which a speed is taken
 _AT_SPEED = 0.5  # of the largest; a joint that stops has slowed down before
+_FIRST, _MOVED = 0.1, 0.02  # s of a log that are its beginning; rad or m of a motion
 _MOVES = 3.0  # least steps of the encoder between samples, for repeated ones to mean anything
 _ON = 0.01  # of the target's own way, that it moves on while a reading stands
 _REPEATS = 0.4  # of the samples of a motion
@@ -109,10 +111,29 @@ def _quirks(recording: Recording) -> Iterator[str]:
             continue
         yield from _clipped(recording, joint, position)
         yield from _stale(recording, joint, position)
+    yield from _in_motion(recording)
     ahead = [note for joint in recording.joints for note in _leads(recording, joint)]
     # On its feet a robot's joints move each other, some of them before they are told to.
     if missing(recording) or 2 * len(ahead) > len(recording.joints):
         yield from ahead
+
+
+def _in_motion(recording: Recording) -> Iterator[str]:
+    """A log that begins while joints move, whose commands before are not in it."""
+    span = int(np.searchsorted(recording.time, recording.time[0] + _FIRST))
+    if not 0 < span < len(recording.time) // 4:
+        return
+    moving = []
+    for joint in recording.joints:
+        position = recording.columns[f"{joint}/position"]
+        steps = np.abs(position[span:] - position[:-span])
+        if steps.max() > _MOVED and steps[0] > _AT_SPEED * steps.max():
+            moving.append(joint)
+    if moving:
+        yield (
+            f"it begins while {some(moving)} move{'s' if len(moving) == 1 else ''}: what the "
+            "targets were before its first row is unknown, and was taken to be what they are there"
+        )
 
 
 def _clipped(recording: Recording, joint: str, position: FloatArray) -> Iterator[str]:
@@ -139,13 +160,9 @@ def _clipped(recording: Recording, joint: str, position: FloatArray) -> Iterator
 
 
 def _goes_on(recording: Recording, joint: str, sign: float, start: int, end: int) -> bool:
-    """Whether a joint was to move on while its reading stood; a servo that got there is to stand.
+    """Whether a joint was to move on in a direction while its samples stood, first to past last.
 
-    Args:
-        recording: the log.
-        joint: one of its joints.
-        sign: in which direction.
-        start, end: the samples that stood.
+    A servo that has got where it was to go stands as well.
     """
     target = recording.signal(joint, "position_target")
     if target is None:

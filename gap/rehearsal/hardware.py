@@ -129,11 +129,11 @@ def run_hardware(
     for i, (name, command) in enumerate(zip(names, commands, strict=True)):
         rng = np.random.default_rng(seeds[i])
         read = readings(rows[:, : len(command), i], rng)
-        commands: Array = command if told is None else told.rows(len(command))[:, i]
+        logged = command if told is None else told.rows(len(command))[:, i]
         columns = {
             f"{joint}/{signal}": values[:, j]
             for j, (joint, kind) in enumerate(zip(drives.joints, drives.kinds, strict=True))
-            for signal, values in zip((f"{kind}_target", *_LOGGED), (commands, *read), strict=True)
+            for signal, values in zip((f"{kind}_target", *_LOGGED), (logged, *read), strict=True)
         }
         if poses.size:
             columns |= base_readings(poses[: len(command), i], rng)
@@ -312,7 +312,7 @@ def _follow_damping(model: mujoco.MjModel, drives: Drives, step: float) -> None:
     """Lets light joints with much damping be stepped, as MuJoCo's own damping is.
 
     All efforts here are explicit, f(v): I (v' − v) = h f(v). Where a damping b stops a joint within
-    a step or so, that diverges, and what MuJoCo does of damping is taken: (I + h b)(v' − v) = h f(v),
+    a step or so, that diverges. As of MuJoCo's own damping, it is then (I + h b)(v' − v) = h f(v),
     which is as exact for all that is slower. It takes an armature of h b, of the bodies alone.
     """
     drag = drives.damping[0].copy()

@@ -8,9 +8,9 @@
     drag = drives.drag(qd)
 
 The model's actuators supply the numbers and nothing else, in joint units whatever their gear.
-Targets, q and qd have shape (..., n_joints) in the order of the model's actuators; drag and friction
-are of every degree of freedom, shape (..., nv). What needs more than a number is in the other
-modules of the hardware.
+Targets, q and qd have shape (..., n_joints) in the order of the model's actuators; drag and
+friction are of every degree of freedom, shape (..., nv). What needs more than a number is in the
+other modules of the hardware.
 """
 
 from __future__ import annotations
