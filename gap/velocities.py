@@ -55,8 +55,9 @@ class Disagreement:
             what = f"{self.factor:.3g} times the slope of {joint}/position"
             what += f" {self.offset:+.3g} {unit}" if self.offset else ""
             cause = "one of them is in another unit, or before a gear"
+        alike = np.floor(1e4 * self.alike) / 1e4  # never told as 1
         return (
-            f"{joint}/velocity is {what}, with a correlation of {self.alike:.4f}: {cause}. The "
+            f"{joint}/velocity is {what}, with a correlation of {alike:.4f}: {cause}. The "
             "velocity is not compared. Mend whichever is wrong; where it is the position, so are "
             "all angles of the joint"
         )

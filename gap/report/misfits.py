@@ -48,11 +48,13 @@ def misfits(problem: Problem, halves: Iterable[Replayed]) -> Iterator[str]:
         problem: what the recordings are of.
         halves: what is fitted and what is held out, replayed by the mended robots.
     """
+    halves = list(halves)
     blocks = [block for half in halves for block in _blocks(half)]
     if len(blocks) < _FEWEST:
         return
     errors = np.stack([block.error for block in blocks])
-    channels = [c for c in problem.channels if c.signal == "position"]
+    every = (c for half in halves for replay in half.replays for c in replay.channels)
+    channels = [c for c in dict.fromkeys(every) if c.signal == "position"]
     noise = np.array([channel_noise(problem.recordings, c).std for c in channels])
     usual = np.maximum(np.nanmedian(errors, axis=0), noise)
     far = np.nanmax(errors / usual, axis=1)
