@@ -54,7 +54,7 @@ class Disagreement:
         else:
             what = f"{self.factor:.3g} times the slope of {joint}/position"
             what += f" {self.offset:+.3g} {unit}" if self.offset else ""
-            cause = "one of them is in another unit, or before a gear"
+            cause = "one of them is in another unit, or of the motor before its gear"
         alike = np.floor(1e4 * self.alike) / 1e4  # never told as 1
         return (
             f"{joint}/velocity is {what}, with a correlation of {alike:.4f}: {cause}. The "
@@ -113,6 +113,9 @@ def disagreement(recording: Recording, joint: str) -> Disagreement | None:
     least, most = sorted([factor, factor / alike**2])
     differs = least > 1 + _FACTOR or most < 1 - _FACTOR
     differs = differs and abs(factor - 1) * float(np.std(s)) > digit
+    # A filter of time constant T is behind by T, and takes off (ω T)²/2 of a motion of frequency ω.
+    frequency = float(np.std(np.gradient(s, step)) / np.std(s))
+    differs = differs and not 0 < 1 - factor < (frequency * lag * step) ** 2
     if differs:
         of_slow = _shifted(averaged(slope, _SLOW, step), averaged(logged, _SLOW, step), lag)
         if np.std(of_slow[0]) < _SLOW_PART * np.std(s):

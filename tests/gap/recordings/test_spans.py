@@ -44,7 +44,7 @@ def test_a_span_is_read_as_it_is_written(text, file, start, stop):
 
 @pytest.mark.parametrize("text", ["8.6:8.0", "8", ":", "a:b", "walk.csv", "1:1", "", 8.0, "nan:1"])
 def test_what_is_no_span_is_refused(text):
-    with pytest.raises(InputError, match="is no span to skip. Write it as 8.0:8.6"):
+    with pytest.raises(InputError, match=r"is no span to skip. Write it as 8.0:8.6"):
         Skip.of(text)
 
 
@@ -83,7 +83,7 @@ def test_the_remedy_of_a_pause_can_be_a_span():
         time=np.where(TIME < 6, TIME, TIME + 3),
         columns={"knee/position": np.sin(TIME), "knee/position_target": np.cos(TIME)},
     )
-    with pytest.raises(InputError, match="pause of 3.01 s"):
+    with pytest.raises(InputError, match=r"pause of 3.01 s"):
         check_recordings([paused])
     check_recordings([paused.without((5.95, 9.05))])
 
