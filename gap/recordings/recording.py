@@ -257,6 +257,7 @@ class Recording:
 
         columns, remarks = read(path, choose)
         unused = tuple(name for name in names if name != "time" and name not in columns)
+        columns = {name: _without_none(values) for name, values in columns.items()}
         numeric = all(values.dtype.kind in "iuf" for values in columns.values())
         rows, held = None, tuple[str, ...]()
         if numeric:  # else the constructor says which cell is no number
@@ -452,6 +453,13 @@ def _check_header(path: Path, names: list[str]) -> None:
 def _some(names: Iterable[str]) -> str:
     shown = [repr(name) for name in names][:5]
     return f" (there are {', '.join(shown)})" if shown else ""
+
+
+def _without_none(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A column that has no cell at all, as one of empty numbers."""
+    if values.dtype == object and values.ndim == 1 and all(value is None for value in values):
+        return np.full(values.size, np.nan)
+    return values
 
 
 def _seconds(path: Path, time: npt.NDArray[Any]) -> Array:

@@ -867,3 +867,13 @@ def test_a_failure_of_ours_is_one_line_and_a_file_to_send(
     assert f"walkerkit {metadata.version('walkerkit')}\n" in told
     assert "Traceback" in told
     assert "in fails" in told
+
+
+def test_a_span_is_skipped(run: Run, folder: Path) -> None:
+    whole = run("compare", "servo.xml", "a.csv", "b.csv", "--json")
+    less = run("compare", "servo.xml", "a.csv", "b.csv", "--skip", "a.csv=:0.2", "--json")
+    assert (whole.status, less.status) == (0, 0)
+    assert not any("skipped" in note for note in json.loads(whole.out)["notes"])
+    assert any("0.2 s was skipped" in note for note in json.loads(less.out)["notes"])
+    refused(run("compare", "servo.xml", "a.csv", "b.csv", "--skip", "1:2"), "a.csv=1:2")
+    refused(run("compare", "servo.xml", "a.csv", "--skip", "1-2"), "'1-2' is no span to skip")

