@@ -21,7 +21,8 @@ FloatArray = NDArray[np.float64]
 
 _BLOCK = 0.2  # s
 _FEWEST = 20  # blocks, of which some can stand out
-_FAR = 6.0  # times the error of the usual block
+_USUAL = 0.8  # of the blocks have less error than a usual large one
+_FAR = 6.0  # times that
 _MOST = 0.15  # of all blocks; more is no exception
 _LISTED = 4  # spans
 
@@ -56,7 +57,8 @@ def misfits(problem: Problem, halves: Iterable[Replayed]) -> Iterator[str]:
     every = (c for half in halves for replay in half.replays for c in replay.channels)
     channels = [c for c in dict.fromkeys(every) if c.signal == "position"]
     noise = np.array([channel_noise(problem.recordings, c).std for c in channels])
-    usual = np.maximum(np.nanmedian(errors, axis=0), noise)
+    # Fast motion misfits more than slow, and is no exception.
+    usual = np.maximum(np.nanquantile(errors, _USUAL, axis=0), noise)
     far = np.nanmax(errors / usual, axis=1)
     out = np.flatnonzero(far > _FAR)
     if not 0 < out.size <= _MOST * len(blocks):
