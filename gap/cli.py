@@ -30,7 +30,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+_OUR_FAILURE = 1
 _INTERRUPTED, _CLOSED_PIPE = 130, 141  # as of processes that the signals end
+_MOST_TOLD = 200  # characters of an error that is ours; the file has them all
 # typer exports one kind of usage error, but not the class that all of them have in common.
 _UsageError: type[typer.BadParameter] = typer.BadParameter.__mro__[1]
 
@@ -44,6 +46,13 @@ Recordings = Annotated[
 HeldOut = Annotated[
     list[Path] | None,
     typer.Option(help="A recording that no fit may see. May be given several times."),
+]
+Skip = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[FILE=]START:STOP",
+        help="Leave out a span of a recording, in seconds. May be given several times.",
+    ),
 ]
 Window = Annotated[
     float,
@@ -128,6 +137,7 @@ def compare(
     model: Model,
     recordings: Recordings = None,
     held_out: HeldOut = None,
+    skip: Skip = None,
     window: Window = 0.5,
     threads: Threads = 0,
     allow_code: AllowCode = False,
@@ -143,6 +153,7 @@ def compare(
             model,
             recordings or (),
             held_out=held_out or (),
+            skip=skip or (),
             window=window,
             n_threads=threads,
             allow_code=allow_code,
@@ -156,6 +167,7 @@ def diagnose(
     model: Model,
     recordings: Recordings = None,
     held_out: HeldOut = None,
+    skip: Skip = None,
     out: Out = Path("walkerkit-diagnosis"),
     window: Window = 0.5,
     effect: Effects = None,
@@ -178,6 +190,7 @@ def diagnose(
             model,
             recordings or (),
             held_out=held_out or (),
+            skip=skip or (),
             window=window,
             effects=effect,
             n_threads=threads,
@@ -297,7 +310,7 @@ def simulate(
     model: Annotated[
         str,
         typer.Argument(
-            help="MJCF file or package.module:callable, of a robot with position actuators."
+            help="MJCF file or package.module:callable, of a robot with servos or motors."
         ),
     ],
     more: Annotated[
@@ -319,8 +332,8 @@ def simulate(
 ) -> None:
     """Rehearse: record simulated hardware with effects hidden in it.
 
-    Each actuator has to be a position servo, as positions are what is sent:
-    a robot that takes efforts or speeds cannot be rehearsed.
+    Position servos are sent positions. Beside motors and velocity servos
+    a computer goes for the positions, and what it sends is logged.
     Any effect but timestep can be hidden, which is no robot's;
     ground_friction and ground_compliance where a robot floats,
     with spheres for feet and a level plane.
@@ -369,6 +382,9 @@ def main() -> None:
         status = _INTERRUPTED
     except (BrokenPipeError, SystemExit):  # rich and typer end the process of a closed pipe so
         status = _CLOSED_PIPE
+    except Exception as error:  # whatever it is, it is ours
+        _admit(error)
+        status = _OUR_FAILURE
     if status == _INTERRUPTED:
         typer.echo("walkerkit: interrupted. The same command goes on from there.", err=True)
     try:
@@ -383,6 +399,20 @@ def main() -> None:
 def _refuse(message: str) -> NoReturn:
     typer.echo(f"walkerkit: {' '.join(message.split())}", err=True)
     raise SystemExit(2) from None
+
+
+def _admit(error: Exception) -> None:
+    """Says in one line that this is a failure of ours, and which file tells more of it."""
+    from walkerkit.gap.errors import one_line
+    from walkerkit.gap.failure import report
+
+    path = report(error, sys.argv[1:])
+    more = "" if path is None else f" Please send us {path}, which has the details."
+    typer.echo(
+        f"walkerkit: this is a failure of ours: {type(error).__name__}: "
+        f"{one_line(error)[:_MOST_TOLD]}.{more}",
+        err=True,
+    )
 
 
 def _console(file: TextIO | None = None) -> Any:

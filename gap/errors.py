@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class InputError(ValueError):
@@ -29,3 +29,10 @@ def closest(name: str, valid: Iterable[str]) -> str:
     lower = {option.lower(): option for option in valid}
     close = difflib.get_close_matches(name.lower(), lower, n=3, cutoff=0.4)
     return f" (did you mean {', '.join(repr(lower[match]) for match in close)}?)" if close else ""
+
+
+def some(names: Sequence[str], most: int = 3) -> str:
+    """The first of some names, and how many more there are."""
+    more = len(names) - most
+    shown = ", ".join(map(repr, names[:most]))
+    return f"{shown} and {more} more" if more > 0 else shown

@@ -33,6 +33,7 @@ from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import locate as rank
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces, unit_of
+from walkerkit.gap.search.buildable import why_not
 from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.fit import Progress, evaluate, polish
 from walkerkit.gap.search.fit import fit as improve
@@ -55,6 +56,7 @@ def load(
     recordings: OneOrMore = (),
     *,
     held_out: OneOrMore = (),
+    skip: Sequence[str] = (),
     window: float = WINDOW,
     hold: Hold | None = None,
     n_threads: int = 0,
@@ -67,6 +69,7 @@ def load(
         model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
         recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see; by default some are chosen.
+        skip: spans of time that are left out, as for `diagnose`.
         window: seconds after which replays restart where joints are driven by effort.
         hold: what the targets are between their samples: `zero_order`, `linear` or `next`; by
             default what the model's `actuators.json` says, else they are held (`zero_order`).
@@ -85,7 +88,9 @@ def load(
     """
     if hold is not None and hold not in get_args(Hold):
         raise InputError(f"hold is {hold!r}; give one of {', '.join(map(repr, get_args(Hold)))}.")
-    experiments = load_experiments(model, recordings, held_out=held_out, allow_code=allow_code)
+    experiments = load_experiments(
+        model, recordings, held_out=held_out, skip=skip, allow_code=allow_code
+    )
     setup = prepare(experiments, window=window, n_threads=n_threads, allow_outside=allow_outside)
     known = next((robot.hold for robot in setup.robots if robot.hold is not None), None)
     problem = setup.problem(hold or known or "zero_order")
@@ -253,6 +258,11 @@ def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -
 
 def _term(problem: Problem, name: str, sites: Sequence[str] | str) -> Term:
     effect_names(name)
+    problem_of_it = why_not(CATALOGUE[name], problem.robots, problem.joints)
+    if problem_of_it is not None:
+        raise InputError(
+            f"{name} cannot be built for {problem.robots[0].source}: {problem_of_it}. Leave it out."
+        )
     possible = candidate_terms([CATALOGUE[name]], problem.robots, problem.joints)
     everywhere = possible[0].sites if possible else ()
     wanted = (sites,) if isinstance(sites, str) else tuple(sites)

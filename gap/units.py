@@ -17,14 +17,13 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from walkerkit.gap.errors import InputError, refusal
-from walkerkit.gap.recordings.checks import source
-from walkerkit.gap.recordings.files import describe_row
+from walkerkit.gap.recordings.checks import source, without
 from walkerkit.gap.recordings.recording import LONGEST_STEP, Recording
-from walkerkit.gap.recordings.smooth import Smoothed
 from walkerkit.gap.simulation.robot import Joint, Robot
+from walkerkit.gap.too_large import looks_like
+from walkerkit.gap.velocities import averaged, disagreement, rates
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +32,6 @@ LARGEST_POSITION = 50.0
 
 _TURN = float(2 * np.pi)
 _DEGREE = _TURN / 360
-_TO_RADIANS = "multiply {} by pi/180 (numpy.deg2rad)"
 _BEYOND, _FAR_BEYOND = 1.2, 4.0  # of a joint's range, where nothing is as far
 _NEVER_SENT = 10.0  # of a joint's range, that none is asked for, be it as weak
 _ALIKE, _CLOSE = 0.9, 1.4  # correlation, and times a factor, of columns that differ in unit
@@ -46,16 +44,17 @@ _LONGEST_LAG, _LAGS = 0.3, 16  # s of a position behind its target; how many of 
 _MOST_ROWS = 20_000  # that are looked at
 _ONE_WAY, _PLACES = 0.9, 200  # of the way of a wheel that winds up, between that many places
 
-_STILL = 1e-3  # rad or m; a joint that moves less has no velocity to compare
 _AVERAGED = 0.1  # s, over which velocities are compared
 _LONGEST_FILTER = 0.05  # s, that a velocity is behind
 _NEAR = 1.2  # times a unit's factor
+_NEARER = 1.02  # times that of revolutions, which gears come near to
 _ODD = 3.0  # times, that no filter makes a velocity larger or smaller
 _FACTORS: Mapping[float, tuple[str, str]] = {
     1 / _DEGREE: ("velocity", "degrees per second; multiply it by pi/180 (numpy.deg2rad)"),
     60 / _TURN: ("velocity", "revolutions per minute; multiply it by pi/30"),
     1 / _TURN: ("velocity", "revolutions per second; multiply it by 2 pi"),
     _TURN / 60: ("velocity", "rpm that were converted twice; multiply it by 30/pi"),
+    _TURN: ("position", "revolutions; multiply it and its target by 2 pi"),
     _DEGREE: (
         "position",
         "degrees; multiply it and its target by pi/180 (numpy.deg2rad), or the velocity by 180/pi "
@@ -207,7 +206,7 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
         logged = [position] if target is None else [position, target]
         where = f"the joint of {robot.source} ends at {_reach(lower, upper):.4g} rad"
         if all(_far_out(values, lower, upper, _FAR_BEYOND) for values in logged):
-            raise _refused(recording, _all_in_degrees(name, logged, where))
+            raise _refused(recording, _all_of(name, logged, where, lower, upper))
         if target is None:
             continue
         likeness = _likeness(target, position, recording.rate)
@@ -216,15 +215,15 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
         )
         wrong = angles.in_degrees()
         if wrong is not None and angles.alike:
-            raise _refused(recording, _all_in_degrees(name, logged, where))
+            raise _refused(recording, _all_of(name, logged, where, lower, upper))
         if wrong is not None:
-            peak = _peak(position if wrong == "position" else target)
+            values = position if wrong == "position" else target
             other = "position_target" if wrong == "position" else "position"
             raise _refused(
                 recording,
-                f"column '{name}/{wrong}' reaches {peak:.4g}"
+                f"column '{name}/{wrong}' reaches {_peak(values):.4g}"
                 f"{'' if np.isinf(upper) else f', where {where},'} beside a '{name}/{other}' in "
-                f"radians: looks like degrees; {_TO_RADIANS.format('it')}.",
+                f"radians: looks like {looks_like([values], lower, upper)}.",
             )
         if angles.hardly_follows:
             notes.append(
@@ -236,7 +235,7 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
 
 
 def with_checked_velocities(robot: Robot, recording: Recording) -> Recording:
-    """The recording, with a note of each velocity that is in a unit of its own.
+    """The recording without velocities that are no slopes of their positions, with a note of each.
 
     Args:
         robot: has the recording's joints.
@@ -246,27 +245,34 @@ def with_checked_velocities(robot: Robot, recording: Recording) -> Recording:
         InputError: a velocity is in degrees per second or in revolutions, or a position is in
             degrees beside a velocity in rad/s.
     """
-    notes = []
+    notes, wrong = [], set[str]()
     for name in recording.joints:
         likeness = velocity_likeness(recording, name)
-        if likeness is None or abs(likeness.alike) < _ALIKE:
+        if likeness is None or abs(likeness.alike) < _LESS_ALIKE:
             continue
         ratio = f"{abs(likeness.ratio):.3g} times"
-        for factor, (wrong, unit) in _FACTORS.items():
-            if robot.joints[name].slide or not likeness.within(factor / _NEAR, factor * _NEAR):
+        for factor, (column, unit) in _FACTORS.items():
+            near = _NEARER if factor == _TURN else _NEAR
+            if robot.joints[name].slide or not likeness.within(factor / near, factor * near):
                 continue
             raise _refused(
                 recording,
                 f"column '{name}/velocity' is {ratio} the slope of '{name}/position', so "
-                f"'{name}/{wrong}' looks like {unit}. Leave the velocity out where it is another "
+                f"'{name}/{column}' looks like {unit}. Leave the velocity out where it is another "
                 "one, as of the motor before its gear.",
             )
-        if not 1 / _ODD < abs(likeness.ratio) < _ODD:
-            notes.append(
-                f"{name}/velocity is {ratio} the slope of {name}/position: it is in another unit, "
-                "or of the motor before its gear"
-            )
-    return _with_notes(recording, notes)
+        found = disagreement(recording, name)
+        if found is None and 1 / _ODD < abs(likeness.ratio) < _ODD:
+            continue
+        slide = robot.joints[name].slide
+        notes.append(
+            found.sentence(name, "m/s" if slide else "rad/s")
+            if found is not None
+            else f"{name}/velocity is {ratio} the slope of {name}/position: it is in another unit, "
+            "or of the motor before its gear. The velocity is not compared"
+        )
+        wrong.add(f"{name}/velocity")
+    return _with_notes(without(recording, wrong), notes)
 
 
 def velocity_likeness(recording: Recording, joint: str) -> Likeness | None:
@@ -279,16 +285,13 @@ def velocity_likeness(recording: Recording, joint: str) -> Likeness | None:
     Returns:
         1 and about 1 for a proper one; None where no velocity is logged or the joint stands.
     """
-    position, velocity = (recording.signal(joint, s) for s in ("position", "velocity"))
-    if position is None or velocity is None or np.ptp(position) < _STILL:
+    both = rates(recording, joint)
+    if both is None:
         return None
-    smoothed = Smoothed(recording.time, np.stack([position, velocity]))
-    rows = max(1, min(round(_AVERAGED / smoothed.step), len(recording.time) // 4))
-    slope, logged = (
-        uniform_filter1d(one, rows) for one in (smoothed.slopes[0], smoothed.values[1])
-    )
+    *signals, step = both
+    slope, logged = (averaged(one, _AVERAGED, step) for one in signals)
     best = Likeness(ratio=0.0, alike=0.0)
-    for lag in _lags(_LONGEST_FILTER / smoothed.step, len(slope)):
+    for lag in _lags(_LONGEST_FILTER / step, len(slope)):
         # Not about their means: a wheel at one speed has a velocity, too.
         before, after = slope[: len(slope) - lag], logged[lag:]
         sizes = float(np.linalg.norm(before)), float(np.linalg.norm(after))
@@ -299,14 +302,17 @@ def velocity_likeness(recording: Recording, joint: str) -> Likeness | None:
     return best
 
 
-def _all_in_degrees(joint: str, logged: Sequence[FloatArray], where: str) -> str:
-    """What to say of a position, and its target if that is logged, that are in degrees."""
+def _all_of(
+    joint: str, logged: Sequence[FloatArray], where: str, lower: float, upper: float
+) -> str:
+    """What to say of a position, and its target if that is logged, that are no radians."""
     reaches = f"column '{joint}/position' reaches {_peak(logged[0]):.4g}"
+    wrong = looks_like(logged, lower, upper)
     if len(logged) == 1:
-        return f"{reaches}, where {where}: looks like degrees; {_TO_RADIANS.format('it')}."
+        return f"{reaches}, where {where}: looks like {wrong}."
     return (
         f"{reaches} and '{joint}/position_target' {_peak(logged[1]):.4g}, where {where}: both look "
-        f"like degrees; {_TO_RADIANS.format('both')}, and all others that are in degrees."
+        f"like {wrong}. The same holds for all others that are in that unit."
     )
 
 
@@ -358,7 +364,7 @@ def _turns_on(recording: Recording, joint: str) -> bool:
 def _too_far(robot: Robot, joint: Joint, recording: Recording, signal: str) -> str:
     values = recording.columns[f"{joint.name}/{signal}"]
     row = int(np.argmax(np.abs(values) > LARGEST_POSITION))
-    unit, wrong = "rad", f"degrees; {_TO_RADIANS.format('it')}"
+    unit, wrong = "rad", looks_like(_angles_of(recording, joint.name), *_range(robot, joint))
     remedy = f"Of a wheel log '{joint.name}/velocity' in rad/s, too, which bears it out."
     if joint.slide:
         unit, wrong = "m", "millimetres; divide it by 1000"
@@ -368,9 +374,15 @@ def _too_far(robot: Robot, joint: Joint, recording: Recording, signal: str) -> s
         remedy = f"The joint of {robot.source} ends at {upper:.4g} {unit}."
     return (
         f"column '{joint.name}/{signal}' has {values[row]:g} at "
-        f"{describe_row(recording.source, row)}, over {LARGEST_POSITION:g} {unit}: looks like "
+        f"{recording.row(row)}, over {LARGEST_POSITION:g} {unit}: looks like "
         f"{wrong}. {remedy}"
     )
+
+
+def _angles_of(recording: Recording, joint: str) -> list[FloatArray]:
+    """The position of a joint and its target, as far as they are logged."""
+    logged = (recording.signal(joint, signal) for signal in ("position", "position_target"))
+    return [values for values in logged if values is not None]
 
 
 def _lags(longest: float, rows: int) -> list[int]:

@@ -425,7 +425,12 @@ def _liveliest(source: int, recording: Recording, length: float, most: int) -> I
     count = max(1, int((time[-1] - time[0]) / length))
     edges = np.searchsorted(time, time[0] + length * np.arange(count + 1))
     edges[-1] = len(time) if count == 1 else edges[-1]
-    spans = [(int(a), int(b)) for a, b in itertools.pairwise(edges) if b - a >= 8]
+    anew = recording.starts_anew
+    spans = [
+        (int(a), int(b))
+        for a, b in itertools.pairwise(edges)
+        if b - a >= 8 and not anew[max(a - 1, 0) : b - 1].any()
+    ]
     if not spans:
         return
     motion = np.array(

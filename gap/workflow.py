@@ -44,6 +44,7 @@ from walkerkit.gap.report.diagnosis import Diagnosis
 from walkerkit.gap.report.notes import warning_notes
 from walkerkit.gap.report.output import DIAGNOSES, main_files
 from walkerkit.gap.report.result import Result, summarise
+from walkerkit.gap.search.buildable import buildable
 from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Explanation, name_effects
@@ -125,6 +126,7 @@ def diagnose(
     recordings: OneOrMore = (),
     *,
     held_out: OneOrMore = (),
+    skip: Sequence[str] = (),
     window: float = WINDOW,
     effects: str | Sequence[str] | None = None,
     n_threads: int = 0,
@@ -141,6 +143,7 @@ def diagnose(
         model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
         recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see.
+        skip: spans of time that are left out, as "walk.csv=8.0:8.6", or "8.0:8.6" of the only one.
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
         effects: names of the effects to consider, or one; all by default.
@@ -163,7 +166,9 @@ def diagnose(
     start = time.perf_counter()
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
-            load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
+            load_experiments(
+                model, recordings, held_out=held_out, skip=skip, allow_code=allow_code
+            ),
             window=window,
             n_threads=n_threads,
             allow_outside=allow_outside,
@@ -193,7 +198,7 @@ def diagnose(
 
 def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -> Result:
     """Names effects, mends the robots and puts it all into words."""
-    problem, explanation = _named(setup, chosen, progress)
+    problem, explanation, left_out = _named(setup, chosen, progress)
     final = explanation.fit
     problem = problem.as_read(final)
     mended = tuple(
@@ -202,7 +207,9 @@ def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -
     if progress:
         progress("writing up", 0.0)
     only = None if len(chosen) == len(CATALOGUE) else tuple(effect.name for effect in chosen)
-    return with_hints(summarise(problem, explanation, mended, seconds=0.0, only=only))
+    result = summarise(problem, explanation, mended, seconds=0.0, only=only)
+    notes = (*left_out, *result.diagnosis.notes)
+    return with_hints(replace(result, diagnosis=replace(result.diagnosis, notes=notes)))
 
 
 @on_one_thread
@@ -211,6 +218,7 @@ def compare(
     recordings: OneOrMore = (),
     *,
     held_out: OneOrMore = (),
+    skip: Sequence[str] = (),
     window: float = WINDOW,
     n_threads: int = 0,
     allow_code: bool = False,
@@ -222,6 +230,7 @@ def compare(
         model: as for `diagnose`.
         recordings: as for `diagnose`.
         held_out: as for `diagnose`.
+        skip: as for `diagnose`.
         window: as for `diagnose`.
         n_threads: as for `diagnose`.
         allow_code: as for `diagnose`.
@@ -236,7 +245,9 @@ def compare(
     start = time.perf_counter()
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
-            load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
+            load_experiments(
+                model, recordings, held_out=held_out, skip=skip, allow_code=allow_code
+            ),
             window=window,
             n_threads=n_threads,
             allow_outside=allow_outside,
@@ -383,5 +394,13 @@ def _known_hold(robots: Sequence[Robot]) -> Hold | None:
 
 def _named(
     setup: Setup, effects: Sequence[Effect], progress: Progress | None
-) -> tuple[Problem, Explanation]:
-    return name_with_best_hold(setup.problem, _known_hold(setup.robots), effects, progress)
+) -> tuple[Problem, Explanation, tuple[str, ...]]:
+    """Names the effects that the robots can have; with a note of each that they cannot."""
+    known = _known_hold(setup.robots)
+    first = setup.problem(known or "zero_order")
+    possible, left_out = buildable(effects, first.robots, first.joints)
+
+    def problem(hold: Hold) -> Problem:
+        return first if hold == first.hold else setup.problem(hold)
+
+    return *name_with_best_hold(problem, known, possible, progress), left_out

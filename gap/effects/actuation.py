@@ -12,7 +12,9 @@ from walkerkit.gap.simulation.trials import Trials
 
 
 def _servo(robot: Robot, joint: str) -> Drive | None:
-    return robot.joints[joint].drive("position")
+    """The position servo of a joint; none that drives it away from its target."""
+    drive = robot.joints[joint].drive("position")
+    return drive if drive is not None and drive.stiffness > 0 else None
 
 
 class PositionGain(JointEffect):
@@ -78,13 +80,17 @@ class VelocityGain(JointEffect):
 
     @staticmethod
     def _drive(robot: Robot, joint: str) -> Drive | None:
-        return robot.joints[joint].drive("velocity") or robot.joints[joint].drive("position")
+        drive = robot.joints[joint].drive("velocity")
+        if drive is not None and drive.damping > 0:
+            return drive
+        return robot.joints[joint].drive("position")
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """The gain to add."""
         drive, excursion = self._drive(robot, site), robot.excursion(site)
-        kd = drive.damping if drive else 0.0
-        size = max(0.1 * kd, 0.02 * excursion.effort / excursion.velocity)
+        own = drive.damping if drive else 0.0
+        kd = max(own, 0.0)  # what pushes along as it moves is none to be taken away
+        size = max(0.1 * abs(own), 0.02 * excursion.effort / excursion.velocity)
         less = (-min(3 * size, 0.5 * kd),) if kd > 0 else ()
         return (
             Parameter(
@@ -211,15 +217,16 @@ class EffortLimit(JointEffect):
         zero = min(known, 4 * peak)
         # The peak leaves out single samples, in which a step of the targets shows a limit.
         starts = tuple(f * peak for f in (2.4, 1.7, 1.2) if f * peak < zero)
-        starts += tuple(f * min(peak, zero) for f in (1.0, 0.85, 0.7, 0.5, 0.3))
+        least = min(peak, zero)
+        starts += tuple(f * least for f in (1.0, 0.85, 0.7, 0.5, 0.3) if f * least < zero)
         return (
             Parameter(
                 name="limit",
                 unit="N" if robot.joints[site].slide else "N·m",
                 zero=zero,
-                lower=0.02 * min(peak, zero),
+                lower=0.02 * least,
                 upper=zero if np.isinf(known) or known > 4 * peak else 3 * known,
-                scale=0.05 * min(peak, zero),
+                scale=0.05 * least,
                 starts=starts,
             ),
         )

@@ -59,7 +59,7 @@ class GroundFriction(GroundEffect):
                 name="friction",
                 unit="",
                 lower=-0.95 * least,
-                upper=3 * max(least, 1.0),
+                upper=max(3.0, 5 * least),
                 scale=_COARSE * least,
                 starts=tuple(
                     part * least for part in (-0.75, -0.6, -0.45, -0.3, -0.15, 0.2, 0.5, 1.0)
@@ -113,16 +113,20 @@ class GroundCompliance(GroundEffect):
         model = robot.model
         least = float(self._sizes(model).min())
         room = max(least - _HARDEST * float(model.opt.timestep), 0.0)
-        impedance = _impedance(model)
-        soft, hard = float(impedance.min()), float(impedance.max())
+        impedance = np.clip(_impedance(model), _LOWEST, _HIGHEST)
+        # A contact is as soft as the greater of its two numbers.
+        soft, hard = float(impedance.max(axis=1).min()), float(impedance.max())
+        softest, hardest = _LOWEST - hard, _HIGHEST - float(impedance.min())
         # Slower, softer and harder springs.
-        starts = [
+        tries = [
             *([(-0.5 * room, 0.0), (-0.5 * room, -0.6 * soft)] if room else []),
             *((part * least, 0.0) for part in (0.25, 0.5, 1.0, 1.5, 2.5, 4.0, 7.0)),
             *((0.0, -part * soft) for part in (0.03, 0.1, 0.25, 0.5)),
             *((least, -part * soft) for part in (0.25, 0.5)),
             (0.0, 0.5 * (_HIGHEST - hard)),
         ]
+        starts = dict.fromkeys((slow, max(change, softest)) for slow, change in tries)
+        starts.pop((0.0, 0.0), None)
         slower, softer = zip(*starts, strict=True)
         return (
             Parameter(
@@ -136,9 +140,9 @@ class GroundCompliance(GroundEffect):
             Parameter(
                 name="impedance",
                 unit="",
-                lower=min(_LOWEST - soft, 0.0),
-                upper=max(_HIGHEST - hard, 0.0),
-                scale=_COARSE * 0.2 * soft,
+                lower=softest,
+                upper=hardest,
+                scale=_COARSE * 0.2 * min(soft, 0.9),
                 starts=softer,
             ),
         )

@@ -43,7 +43,7 @@ class LawEffect(JointEffect):
         """Joints with the position servo, the drive or nothing that a law of its stage changes."""
         drives = robot.joints[joint].drives
         if self.law.stage == "controller":
-            return bool(drives) and drives[0].kind == "position"
+            return is_servo(robot, joint)
         return bool(drives) or (self.law.stage == "joint" and not self.driven)
 
     def known(self, robot: Robot, joint: str) -> dict[str, float]:
@@ -63,3 +63,9 @@ class LawEffect(JointEffect):
                 own[parameter.name][changed] = column[changed]
         if self.dry:
             stiffen_dry_friction(trials, site, changed)
+
+
+def is_servo(robot: Robot, joint: str) -> bool:
+    """Whether what drives a joint pulls it to a position; one that drives it away is none."""
+    drives = robot.joints[joint].drives
+    return bool(drives) and drives[0].kind == "position" and drives[0].stiffness > 0

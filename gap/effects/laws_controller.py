@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from walkerkit.actuators import drivetrain as laws
 from walkerkit.gap.effects.base import Parameter
-from walkerkit.gap.effects.law import LawEffect
+from walkerkit.gap.effects.law import LawEffect, is_servo
 from walkerkit.gap.simulation.robot import Robot
 
 _LONGEST = 0.5  # s, of a filter of the targets; slower ones are no part of a drive
@@ -122,6 +122,10 @@ class IntegralAction(LawEffect):
     equation = "τ + ki ∫(u − q) dt, at most ±clamp; ki: gain [N·m/(rad·s)], clamp [N·m]"
     symptom = "slow decay of an offset"
     source = "PID control: Åström, Hägglund, Advanced PID Control, 2006, ch. 3"
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Joints with a position servo; others have no error to add up."""
+        return is_servo(robot, joint)
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """Gain and clamp; unchanged is a clamp beyond all effort that was seen."""

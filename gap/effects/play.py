@@ -105,7 +105,7 @@ class SeriesElasticity(JointEffect):
                 name="compliance",
                 unit="m/N" if joint.slide else "rad/(N·m)",
                 lower=0.0,
-                upper=compliance(_SOFTEST),
+                upper=max(compliance(_SOFTEST), 10 * least),
                 scale=compliance(_TYPICAL),
                 starts=tuple(compliance(frequency) for frequency, _, _ in tries),
                 inverse=("stiffness", "N/m" if joint.slide else "N·m/rad"),

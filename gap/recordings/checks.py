@@ -43,7 +43,7 @@ def check_recordings(recordings: Sequence[Recording]) -> None:
                 f"{source(recording)}: it has {len(recording.time)} samples, and a comparison "
                 f"takes at least {_FEWEST_SAMPLES}. Record for longer."
             )
-        steps = np.diff(recording.time)
+        steps = np.where(recording.starts_anew, 0.0, np.diff(recording.time))
         longest = int(np.argmax(steps))
         if steps[longest] > _LONGEST_PAUSE:
             raise InputError(
@@ -104,12 +104,13 @@ def without_placeholders(experiments: Sequence[Experiment]) -> tuple[Experiment,
     }
     silent |= {c for r in recordings for c in r.columns if c.rpartition("/")[2] in _SPARES}
     return tuple(
-        replace(experiment, recordings=tuple(_without(r, silent) for r in experiment.recordings))
+        replace(experiment, recordings=tuple(without(r, silent) for r in experiment.recordings))
         for experiment in experiments
     )
 
 
-def _without(recording: Recording, silent: set[str]) -> Recording:
+def without(recording: Recording, silent: set[str]) -> Recording:
+    """The recording without some columns, which become `unused`."""
     dropped = tuple(column for column in recording.columns if column in silent)
     if not dropped:
         return recording
@@ -144,7 +145,7 @@ def without_echoes(recording: Recording, joints: Sequence[str]) -> Recording:
         "the drive measures: its current times its torque constant"
         for column, target in echoes.items()
     )
-    return replace(_without(recording, set(echoes)), notes=(*recording.notes, *notes))
+    return replace(without(recording, set(echoes)), notes=(*recording.notes, *notes))
 
 
 def lopsided(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> str | None:

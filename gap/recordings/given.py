@@ -15,6 +15,7 @@ from typing import Any
 
 from walkerkit.gap.errors import refusal
 from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.spans import Skip, spans_of
 
 Named = str | Path | Recording
 """A recording, or the file of one."""
@@ -51,16 +52,17 @@ def listed(items: OneOrMore) -> list[Named]:
     return [given] if one or not isinstance(given, Iterable) else list(given)
 
 
-def recording_of(item: object) -> Recording:
-    """A recording as it is, or loaded from its file.
+def recording_of(item: object, skips: Sequence[Skip] = ()) -> Recording:
+    """A recording as it is, or loaded from its file, without what is to be skipped.
 
     Raises:
         InputError: it is neither, or the file cannot be used.
     """
     if isinstance(item, Recording):
-        return item
+        spans = spans_of(str(item.source or item.name), skips)
+        return item.without(*spans) if spans else item
     if isinstance(item, str | os.PathLike):
-        return Recording.load(Path(item))
+        return Recording.load(Path(item), skip=spans_of(str(item), skips))
     if _is_frame(item):
         raise refusal(
             f"a recording is {_kind(item)}. Save it with "

@@ -7,6 +7,7 @@ experiments = load_experiments("leg.xml", ["walk.csv", "squat.csv"], held_out=["
     model = "kp400.xml"                     # or "package.module:callable", where that is allowed
     recordings = ["sin.csv", "step.csv"]
     held_out = ["chirp.csv"]                # optional, and none of the files above
+    skip = ["sin.csv=8.0:8.6"]              # optional, spans of time that are left out
 
 Files are relative to the manifest's folder. An experiment may be held out as a whole: it then has
 `held_out` alone. Recordings get names that are unique over all experiments.
@@ -14,6 +15,7 @@ Files are relative to the manifest's folder. An experiment may be held out as a 
 
 from __future__ import annotations
 
+import itertools
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,8 +27,9 @@ from walkerkit.gap.errors import closest, refusal
 from walkerkit.gap.recordings.files import check_file, is_recording
 from walkerkit.gap.recordings.given import OneOrMore, listed, model_name, recording_of
 from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.spans import Skip, check_skips, spans_of
 
-_KEYS = ("model", "recordings", "held_out")
+_KEYS = ("model", "recordings", "held_out", "skip")
 _COMMANDS = {"experiment": "diagnose", "robot": "diagnose-fleet"}  # by what a file lists
 
 
@@ -151,6 +154,7 @@ def load_experiments(
     recordings: OneOrMore = (),
     held_out: OneOrMore = (),
     *,
+    skip: Sequence[str] = (),
     allow_code: bool = False,
 ) -> tuple[Experiment, ...]:
     """Loads what the command line names: a model and its recordings, or a manifest alone.
@@ -160,6 +164,7 @@ def load_experiments(
         recordings: files or recordings, or one; none with a manifest.
         held_out: which of them are held out, by name, file or recording; files and recordings that
             are not among `recordings` are added.
+        skip: spans that are left out, as `walkerkit.gap.recordings.spans` reads them.
         allow_code: as for `load_manifest`; a callable that is named here itself is always allowed.
 
     Returns:
@@ -172,6 +177,11 @@ def load_experiments(
     path = Path(source)
     recordings, held_out = listed(recordings), listed(held_out)
     if path.suffix.lower() == ".toml":
+        if skip:
+            raise refusal(
+                f"{path}: a manifest says itself what is skipped, but {skip[0]!r} is given beside "
+                f'it. Write skip = ["{skip[0]}"] below its recordings.'
+            )
         if recordings or held_out:
             extra = [*recordings, *held_out][0]
             raise refusal(
@@ -182,8 +192,12 @@ def load_experiments(
     _check_model(source)
     if not recordings and not held_out:
         raise refusal(f"{source}: no recording is given. Name at least one after the model.")
-    given = [recording_of(item) for item in recordings]
-    held = [_find(item, given) or recording_of(item) for item in held_out]
+    skips = [Skip.of(text) for text in ([skip] if isinstance(skip, str) else skip)]
+    names = [_title(item) for item in recordings]
+    added = [_title(item) for item in held_out if not _among(item, names)]
+    check_skips(skips, [*names, *added])
+    given = [recording_of(item, skips) for item in recordings]
+    held = [_find(item, given, known=recordings) or recording_of(item, skips) for item in held_out]
     return _named(
         [_Draft(model=source, fitted=[r for r in given if r not in held], held_out=held)], path
     )
@@ -217,14 +231,21 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any], allow_code: b
     if not table.keys() & {"recordings", "held_out"}:
         raise refusal(f'{label} has no recordings. Write recordings = ["log.csv"].')
     files = {key: listed_files(label, table, key) for key in ("recordings", "held_out")}
+    skips = [Skip.of(text) for text in listed_files(label, table, "skip")]
+    check_skips(skips, itertools.chain(*files.values()))
     check_code(label, model, allow_code)
     if not is_callable(model):
         model = str(path.parent / model)
     _check_model(model)
     return _Draft(
         model=model,
-        fitted=[Recording.load(path.parent / file) for file in files["recordings"]],
-        held_out=[Recording.load(path.parent / file) for file in files["held_out"]],
+        **{
+            half: [
+                Recording.load(path.parent / file, skip=spans_of(file, skips))
+                for file in files[key]
+            ]
+            for half, key in (("fitted", "recordings"), ("held_out", "held_out"))
+        },
     )
 
 
@@ -273,10 +294,27 @@ def _unique_names(recordings: Sequence[Recording]) -> dict[Recording, str]:
     return dict(zip(recordings, names, strict=True))
 
 
-def _find(item: str | Path | Recording, recordings: Sequence[Recording]) -> Recording | None:
-    """The one of `recordings` that a held-out item means; None where it is a file to be added."""
+def _among(item: str | Path | Recording, names: Sequence[str]) -> bool:
+    """Whether a held-out item is one of some recordings, by its file or its name."""
+    title = Path(_title(item))
+    return any(
+        title in (Path(name), Path(Path(name).stem)) or title.resolve() == Path(name).resolve()
+        for name in names
+    )
+
+
+def _find(
+    item: str | Path | Recording, recordings: Sequence[Recording], known: Sequence[object]
+) -> Recording | None:
+    """The one of `recordings` that a held-out item means; None where it is a file to be added.
+
+    Args:
+        item: a file, a name or a recording.
+        recordings: as they are used.
+        known: the same as they were given, before spans of them were left out.
+    """
     if not isinstance(item, str | Path):
-        return next((recording for recording in recordings if recording is item), None)
+        return next((r for r, own in zip(recordings, known, strict=True) if own is item), None)
     file = Path(item).resolve()
     for recording in recordings:
         if recording.source is not None and recording.source.resolve() == file:

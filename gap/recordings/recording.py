@@ -26,8 +26,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from walkerkit.gap.errors import InputError, closest, refusal
+from walkerkit.gap.errors import InputError, closest, one_line, refusal
+from walkerkit.gap.recordings.clocks import on_one_clock
 from walkerkit.gap.recordings.files import describe_row, read, write
+from walkerkit.gap.recordings.spans import Spans, kept_rows
+from walkerkit.gap.recordings.stamps import coarse_stamps
 from walkerkit.gap.recordings.wiring import WiringError
 
 Array = npt.NDArray[np.float64]
@@ -54,6 +57,7 @@ LARGEST = 1e9
 LONGEST_STEP = 0.2
 """A median step from here on is taken for milliseconds or less [s]; 1 kHz in milliseconds is 1."""
 
+_FEW = 0.1  # of the rows, which can be spared
 _RESET, _MOST_RESETS = 10.0, 3  # median steps back, at a few places: no rows out of order
 
 
@@ -71,6 +75,8 @@ class Recording:
         notes: what a user should know about the data.
         wiring: errors of wiring that were mended in the columns.
         part_of: the recording that this was cut from; it knows the commands before.
+        file_rows: (T,) which row of the file each is, counted from 0, where some were left out.
+        skipped: from when to when it was left out [s]; nothing goes on across that.
 
     Raises:
         InputError: the data break the contract of this module.
@@ -84,6 +90,8 @@ class Recording:
     notes: tuple[str, ...] = ()
     wiring: tuple[WiringError, ...] = ()
     part_of: Recording | None = None
+    file_rows: npt.NDArray[np.intp] | None = None
+    skipped: Spans = ()
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -187,7 +195,38 @@ class Recording:
             time=self.time[first:last],
             columns={name: values[first:last] for name, values in self.columns.items()},
             part_of=self.whole,
+            file_rows=None if self.file_rows is None else self.file_rows[first:last],
         )
+
+    def without(self, *spans: tuple[float, float]) -> Recording:
+        """The recording without some spans of time; what is simulated starts anew after each.
+
+        Args:
+            spans: first time [s], and the time [s] from which on it is kept again.
+
+        Raises:
+            InputError: a span has no sample, or fewer than two are left.
+        """
+        kept = kept_rows(self.time, spans, str(self.source or self.name))
+        rows = np.arange(self.time.size) if self.file_rows is None else self.file_rows
+        return replace(
+            self,
+            time=self.time[kept],
+            columns={name: values[kept] for name, values in self.columns.items()},
+            file_rows=rows[kept],
+            skipped=(*self.skipped, *spans),
+            notes=(*self.notes, *_left_out(spans)),
+        )
+
+    @property
+    def starts_anew(self) -> npt.NDArray[np.bool_]:
+        """(T − 1,) whether something was skipped between a sample and the next."""
+        anew = np.zeros(self.time.size - 1, dtype=bool)
+        for start, _ in self.skipped:
+            before = int(np.searchsorted(self.time, start)) - 1
+            if 0 <= before < anew.size:
+                anew[before] = True
+        return anew
 
     @property
     def whole(self) -> Recording:
@@ -195,11 +234,12 @@ class Recording:
         return self.part_of or self
 
     @classmethod
-    def load(cls, path: str | Path) -> Recording:
+    def load(cls, path: str | Path, *, skip: Spans = ()) -> Recording:
         """Reads a recording.
 
         Args:
             path: a .csv, .parquet or .npz file.
+            skip: from when to when it is left out [s], whatever is wrong with it there.
 
         Returns:
             The recording, with `unused` and `notes` filled in.
@@ -216,14 +256,28 @@ class Recording:
             return ["time", *_used(names)]
 
         columns, remarks = read(path, choose)
+        unused = tuple(name for name in names if name != "time" and name not in columns)
+        columns = {name: _without_none(values) for name, values in columns.items()}
+        numeric = all(values.dtype.kind in "iuf" for values in columns.values())
+        rows, held = None, tuple[str, ...]()
+        if numeric:  # else the constructor says which cell is no number
+            one = on_one_clock(columns)
+            columns, rows, held = one.columns, one.rows, one.notes
+        if skip and len({values.size for values in columns.values()}) == 1:
+            kept = kept_rows(_seconds(path, columns["time"]), skip, str(path))
+            rows = (np.arange(kept.size) if rows is None else rows)[kept]
+            columns = {name: values[kept] for name, values in columns.items()}
+            held = (*held, *_left_out(skip))
         recording = cls(
             name=path.stem,
             time=columns.pop("time"),
             columns=columns,
             source=path,
-            unused=tuple(name for name in names if name != "time" and name not in columns),
+            unused=unused,
+            file_rows=rows,
+            skipped=tuple(skip),
         )
-        return replace(recording, notes=(*remarks, *_notes(recording)))
+        return replace(recording, notes=(*remarks, *held, *_notes(recording)))
 
     def save(self, path: str | Path) -> None:
         """Writes the recording so that `load` gives the same numbers.
@@ -241,8 +295,9 @@ class Recording:
     def _error(self, problem: str) -> InputError:
         return refusal(f"{self.source or f'recording {self.name!r}'}: {problem}.")
 
-    def _row(self, row: int) -> str:
-        return describe_row(self.source, row)
+    def row(self, row: int) -> str:
+        """Where one of its rows, counted from 0, is in the file: its number, and its line."""
+        return describe_row(self.source, row if self.file_rows is None else self.file_rows[row])
 
     def _check_names(self) -> None:
         joints = {joint for joint, signal in map(_split, self.columns) if signal == "position"}
@@ -287,7 +342,7 @@ class Recording:
                 numbers[row] = np.nan if value is None else float(value)
             except (TypeError, ValueError):
                 raise self._error(
-                    f"column {name!r} has {str(value)[:40]!r} at {self._row(row)}: no number. "
+                    f"column {name!r} has {str(value)[:40]!r} at {self.row(row)}: no number. "
                     "Write plain numbers in SI units, time in seconds"
                 ) from None
         return numbers
@@ -295,29 +350,44 @@ class Recording:
     def _check_finite(self, name: str, values: Array) -> None:
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
-            remedy = (
-                "Delete such rows, or fill them: hold the last target, interpolate measurements"
-                if bad.size < values.size
-                else "Log it, or delete the column"
-            )
+            remedy = self._filled(name, bad.size, values.size)
             raise self._error(
                 f"column {name!r} is empty, NaN or infinite in {bad.size} of {values.size} rows, "
-                f"first {values[bad[0]]} at {self._row(bad[0])}. {remedy}"
+                f"first {values[bad[0]]} at {self.row(bad[0])}. {remedy}"
             )
+
+    def _filled(self, name: str, empty: int, rows: int) -> str:
+        """How to go on from cells without a number so that nothing is lost."""
+        if empty == rows:
+            return "Log it, or delete the column"
+        if name == "time":
+            return "Delete such rows"
+        if _split(name)[1] in TARGETS:
+            return "Fill such cells: a target holds until the next one (pandas: ffill)"
+        optional = ", or delete the column" if _split(name)[1] in MAY_BE_EMPTY else ""
+        if empty <= _FEW * rows:
+            return f"Delete such rows{optional}"
+        return (
+            "Interpolate it over time where it is empty (pandas: "
+            f"frame.set_index('time')[{name!r}].interpolate('index').to_numpy()){optional}"
+        )
 
     def _check_time(self, time: Array) -> None:
         steps = np.diff(time)
         bad = np.flatnonzero(steps <= 0)
+        coarse = coarse_stamps(time)
+        if coarse:
+            raise self._error(f"column 'time' {coarse}")
         if bad.size:
             before, after = float(time[bad[0]]), float(time[bad[0] + 1])
             if before - after > _RESET * np.median(np.abs(steps)) and bad.size <= _MOST_RESETS:
                 raise self._error(
-                    f"column 'time' jumps back at {self._row(bad[0] + 1)}: {before!r} s, then "
+                    f"column 'time' jumps back at {self.row(bad[0] + 1)}: {before!r} s, then "
                     f"{after!r} s: the clock was reset. Cut the file there into two recordings"
                 )
             raise self._error(
                 f"column 'time' {'repeats' if before == after else 'goes backwards'} at "
-                f"{self._row(bad[0] + 1)}: {before!r} s, then {after!r} s. "
+                f"{self.row(bad[0] + 1)}: {before!r} s, then {after!r} s. "
                 "Sort the rows by time and delete repeated ones"
             )
         step = float(np.median(steps))
@@ -337,7 +407,7 @@ class Recording:
             beyond = np.flatnonzero(np.abs(values) > LARGEST)
             if beyond.size:
                 raise self._error(
-                    f"column {name!r} has {values[beyond[0]]:g} at {self._row(beyond[0])}, over "
+                    f"column {name!r} has {values[beyond[0]]:g} at {self.row(beyond[0])}, over "
                     f"{LARGEST:g} in any SI unit. Delete such rows, or fill them"
                 )
         if QUATERNION[0] in columns:
@@ -346,7 +416,7 @@ class Recording:
             if off.size:
                 raise self._error(
                     f"columns 'base/quaternion_w…z' have norm {norm[off[0]]:g} at "
-                    f"{self._row(off[0])}. Log unit quaternions"
+                    f"{self.row(off[0])}. Log unit quaternions"
                 )
 
 
@@ -385,13 +455,38 @@ def _some(names: Iterable[str]) -> str:
     return f" (there are {', '.join(shown)})" if shown else ""
 
 
+def _without_none(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A column that has no cell at all, as one of empty numbers."""
+    if values.dtype == object and values.ndim == 1 and all(value is None for value in values):
+        return np.full(values.size, np.nan)
+    return values
+
+
+def _seconds(path: Path, time: npt.NDArray[Any]) -> Array:
+    """The times of a file that is cut before it is checked."""
+    try:
+        return time.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise refusal(
+            f"{path}: column 'time' has what is no number: {one_line(error)}. Write seconds."
+        ) from None
+
+
+def _left_out(spans: Spans) -> Iterator[str]:
+    for start, stop in spans:
+        first, last = (f"{t:.6g}" if np.isfinite(t) else "its end" for t in (start, stop))
+        yield f"{'its beginning' if np.isinf(start) else first} to {last} s was skipped, as asked"
+
+
 def _notes(recording: Recording) -> Iterator[str]:
-    steps = np.diff(recording.time) * 1e3
+    steps = np.diff(recording.time)[~recording.starts_anew] * 1e3
+    if not steps.size:
+        return
     low, middle, high = np.quantile(steps, (0.0, 0.5, 1.0))
     if high > 1.9 * middle or low < 0.5 * middle:  # from a missed sample on
         yield (
             f"irregular sampling: steps of {low:.3g} to {high:.3g} ms, median {middle:.3g} ms, "
-            f"longest at {recording.time[np.argmax(steps)]:.6g} s"
+            f"longest at {recording.time[:-1][~recording.starts_anew][np.argmax(steps)]:.6g} s"
         )
     for joint in recording.joints:
         if np.ptp(recording.columns[f"{joint}/position"]) == 0:

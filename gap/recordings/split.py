@@ -99,7 +99,9 @@ def _unbroken(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
 def _parts(recording: Recording) -> list[Recording]:
     time = recording.time
     steps = np.diff(time)
-    holes = np.flatnonzero(steps > max(_HOLE, _HOLE_SAMPLES * float(np.median(steps))))
+    skipped = recording.starts_anew
+    unknown = (steps > max(_HOLE, _HOLE_SAMPLES * float(np.median(steps)))) & ~skipped
+    holes = np.flatnonzero(unknown | skipped)
     if not holes.size:
         return [recording]
     starts, ends = np.append(0, holes + 1), np.append(holes, len(time) - 1)
@@ -111,6 +113,9 @@ def _parts(recording: Recording) -> list[Recording]:
     ]
     if not parts:
         return [recording]
+    holes = np.flatnonzero(unknown)
+    if not holes.size:
+        return parts
     told = ", ".join(f"from {time[k]:.6g} to {time[k + 1]:.6g} s" for k in holes[:_SHOWN])
     some = "a hole" if len(holes) == 1 else f"{len(holes)} holes"
     note = f"{some}, {told}, of which nobody knows what was commanded: it was cut there"

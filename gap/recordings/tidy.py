@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.errors import some
 from walkerkit.gap.recordings.base import missing
 from walkerkit.gap.recordings.recording import Recording
 
@@ -27,7 +28,9 @@ _NEAR_A_TURN = 0.6  # rad; between two samples a joint turns by less
 _FLAT, _FLAT_TIME = 5, 0.02  # samples and seconds that a reading has to stay at its largest
 _AVERAGED = 10  # samples, over which a speed is taken
 _AT_SPEED = 0.5  # of the largest; a joint that stops has slowed down before
+_FIRST, _MOVED = 0.05, 0.02  # s of a log that are its beginning; rad or m of a motion
 _MOVES = 3.0  # least steps of the encoder between samples, for repeated ones to mean anything
+_ON = 0.01  # of the target's own way, that it moves on while a reading stands
 _REPEATS = 0.4  # of the samples of a motion
 _LEAD_ALIKE = 0.8  # correlation of the speeds of target and measurement
 _LEAD_CLEARER = 0.05  # by which it has to be better than in step
@@ -108,10 +111,29 @@ def _quirks(recording: Recording) -> Iterator[str]:
             continue
         yield from _clipped(recording, joint, position)
         yield from _stale(recording, joint, position)
+    yield from _in_motion(recording)
     ahead = [note for joint in recording.joints for note in _leads(recording, joint)]
     # On its feet a robot's joints move each other, some of them before they are told to.
     if missing(recording) or 2 * len(ahead) > len(recording.joints):
         yield from ahead
+
+
+def _in_motion(recording: Recording) -> Iterator[str]:
+    """A log that begins while joints move, whose commands before are not in it."""
+    span = int(np.searchsorted(recording.time, recording.time[0] + _FIRST))
+    if not 0 < span < len(recording.time) // 4:
+        return
+    moving = []
+    for joint in recording.joints:
+        position = recording.columns[f"{joint}/position"]
+        steps = np.abs(position[span:] - position[:-span])
+        if steps.max() > _MOVED and steps[0] > _AT_SPEED * steps.max():
+            moving.append(joint)
+    if moving:
+        yield (
+            f"it begins while {some(moving)} move{'s' if len(moving) == 1 else ''}: what the "
+            "targets were before its first row is unknown, and was taken to be what they are there"
+        )
 
 
 def _clipped(recording: Recording, joint: str, position: FloatArray) -> Iterator[str]:
@@ -127,13 +149,28 @@ def _clipped(recording: Recording, joint: str, position: FloatArray) -> Iterator
             length = recording.time[end - 1] - recording.time[start]
             if start < span or end - start < _FLAT or length < _FLAT_TIME:
                 continue
-            if speed[start - span] >= fast:
+            sign = 1.0 if word == "largest" else -1.0
+            if speed[start - span] >= fast and _goes_on(recording, joint, sign, start, end):
                 yield (
                     f"{joint}/position stays at its {word} value {extreme:.6g} for {length:.3g} s "
                     f"from {recording.time[start]:.6g} s, and reached it at speed: a saturated "
                     "encoder, or a stop. It was taken as measured"
                 )
                 break
+
+
+def _goes_on(recording: Recording, joint: str, sign: float, start: int, end: int) -> bool:
+    """Whether a joint was to move on in a direction while its samples stood, first to past last.
+
+    A servo that has got where it was to go stands as well.
+    """
+    target = recording.signal(joint, "position_target")
+    if target is None:
+        return True  # nobody knows
+    before = target[max(start - _AVERAGED, 0)]
+    return bool((sign * (target[start:end] - before)).max() > _ON * np.ptp(target)) and bool(
+        np.ptp(target[start:end]) > 0
+    )
 
 
 def _stale(recording: Recording, joint: str, position: FloatArray) -> Iterator[str]:

@@ -9,13 +9,14 @@ gear, friction and log are laws of their own in numpy (the `hardware_…` module
 efforts, and what is logged is late, noisy and quantised. Of the model it keeps bodies, inertia,
 gravity, springs, joint limits and contacts but those of feet that stand on the ground.
 
-The log has each joint's `position_target` as it was sent, `position` and `velocity` as the encoder
-reads them, and `effort` as the drive believes it delivers it: after its own limits and lags,
-without a wrong torque constant, bias, ripple, spring or friction; and of a base that floats its
-pose and velocity.
+The log has each joint's target as it was sent, `position` and `velocity` as the encoder reads them,
+and `effort` as the drive believes it delivers it: after its own limits and lags, without a wrong
+torque constant, bias, ripple, spring or friction; and of a base that floats its pose and velocity.
+Where a drive takes efforts or speeds, a computer beside the robot goes for the positions, and the
+log has the `effort_target` or `velocity_target` that it sent.
 
-Limits: every actuator must be a plain position servo of a hinge or slide joint (gear 1); tendons,
-equality constraints and all other contacts stay MuJoCo's.
+Limits: every actuator must be a plain servo or motor of a hinge or slide joint; tendons, equality
+constraints and all other contacts stay MuJoCo's.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware_base import WIDTH, base_readings, free_joint
+from walkerkit.gap.rehearsal.hardware_companion import Companion
 from walkerkit.gap.rehearsal.hardware_controller import Controller
 from walkerkit.gap.rehearsal.hardware_drive import Drives, load_rig
 from walkerkit.gap.rehearsal.hardware_friction import Friction
@@ -48,7 +50,8 @@ Array = NDArray[np.float64]
 SETTLE: Final = 1.5
 """How long the robot holds the first target before the log begins, s."""
 
-_LOGGED = ("position_target", "position", "velocity", "effort")
+_LOGGED = ("position", "velocity", "effort")
+_STIFF = 0.5  # b h/I of a damping that explicit steps no longer follow; at 2 they diverge
 _LOST = 1e4  # rad/s: no joint of a walking robot comes back from there
 _LOOK = 64  # steps from one look for it to the next
 _OFF = (
@@ -74,8 +77,8 @@ def run_hardware(
 
     Args:
         source: the robot's MJCF, or what was compiled of it.
-        targets: one experiment each: position targets, shape (T, n_joints), rad, one row for each
-            sample and one column for each of the model's actuators, in their order.
+        targets: one experiment each: where the joints should be, shape (T, n_joints), rad, one row
+            for each sample and one column for each of the model's actuators, in their order.
         rate: samples a second; a row's target is sent at the row's time and held to the next.
         hidden: what the robot has and the model has not, one on top of the other.
         seed: of the noise; an experiment's noise does not depend on the others.
@@ -119,17 +122,18 @@ def run_hardware(
     ends = lead, max(log.values(longest) - lead - len(held), 0)
     sent = np.pad(held, (ends, (0, 0), (0, 0)), "edge")
     seeds = [[seed, i] for i in range(len(commands))]
-    *signals, base = _run(model, drives, hidden, sent, lead, seeds)
+    *signals, base, told = _run(model, drives, hidden, sent, lead, stride, seeds)
     rows = log.rows(*signals, count=longest)
     poses = log.base_rows(base, count=longest)
     recordings = []
     for i, (name, command) in enumerate(zip(names, commands, strict=True)):
         rng = np.random.default_rng(seeds[i])
         read = readings(rows[:, : len(command), i], rng)
+        logged = command if told is None else told.rows(len(command))[:, i]
         columns = {
             f"{joint}/{signal}": values[:, j]
-            for j, joint in enumerate(drives.joints)
-            for signal, values in zip(_LOGGED, (command, *read), strict=True)
+            for j, (joint, kind) in enumerate(zip(drives.joints, drives.kinds, strict=True))
+            for signal, values in zip((f"{kind}_target", *_LOGGED), (logged, *read), strict=True)
         }
         if poses.size:
             columns |= base_readings(poses[: len(command), i], rng)
@@ -222,22 +226,24 @@ def _run(
     hidden: Sequence[HiddenEffect],
     sent: Array,
     start: int,
+    stride: int,
     seeds: Sequence[Sequence[int]],
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array, Companion | None]:
     """Steps all experiments together.
 
     Args:
         model: the bare rigid bodies; rotors are taken out of it.
         drives: what moves them.
         hidden: what drives and bodies do not say.
-        sent: targets as they are sent, shape (n_steps, n_experiments, n_joints), rad.
+        sent: where the joints should be, shape (n_steps, n_experiments, n_joints), rad.
         start: the step at which the log begins.
+        stride: steps from one row of the log to the next.
         seeds: of each experiment.
 
     Returns:
         Positions and speeds as the encoders read them and reported efforts at each step, shape as
-        `sent`, and the state of a base that floats, shape (n_steps, n_experiments, 13), else
-        (…, 0).
+        `sent`; the state of a base that floats, shape (n_steps, n_experiments, 13), else (…, 0);
+        and the computer beside the robot, where there is one.
     """
     step, n_sims = float(model.opt.timestep), sent.shape[1]
     controller = Controller(drives, hidden, step=step, n_sims=n_sims)
@@ -247,7 +253,11 @@ def _run(
     troubles = Troubles(drives, hidden, step=step, n_steps=len(sent), seeds=seeds)
     transmission = Transmission(model, drives, hidden, step=step, n_sims=n_sims)
     soil = Soil(model, hidden, step=step, n_sims=n_sims)
+    told = None
+    if set(drives.kinds) != {"position"}:
+        told = Companion(drives, hidden, step=step, start=start, stride=stride, shape=sent.shape)
     free = free_joint(model)
+    _follow_damping(model, drives, step)
     # Only a persistent batch goes on from the velocities that the ground asks for.
     batch = mujoco.batch.Batch(model, n_sims, nthread=1, persistent=soil.any)
     stage = mujoco.mjtStage.mjSTAGE_VEL if soil.any else mujoco.mjtStage.mjSTAGE_NONE
@@ -267,6 +277,8 @@ def _run(
         if free is not None:
             base[k, :, :7] = qpos[:, free[0] : free[0] + 7]
             base[k, :, 7:] = qvel[:, free[1] : free[1] + 6]
+        if told is not None:
+            target = told.arrived(k, sent[k], position[k], speed[k])
         effort[k] = motor.made(controller.asked(target, position[k], speed[k]), rate)
         shaft = motor.delivered(effort[k], angle)
         if transmission.any:
@@ -293,7 +305,20 @@ def _run(
                     f"{k * step - SETTLE:.3f} s after its start; soften the model's gains, hide "
                     "less, or raise substeps"
                 )
-    return position, speed, effort, base
+    return position, speed, effort, base, told
+
+
+def _follow_damping(model: mujoco.MjModel, drives: Drives, step: float) -> None:
+    """Lets light joints with much damping be stepped, as MuJoCo's own damping is.
+
+    All efforts here are explicit, f(v): I (v' − v) = h f(v). Where a damping b stops a joint within
+    a step or so, that diverges. As of MuJoCo's own damping, it is then (I + h b)(v' − v) = h f(v),
+    which is as exact for all that is slower. It takes an armature of h b, of the bodies alone.
+    """
+    drag = drives.damping[0].copy()
+    drag[drives.dofs] += np.maximum(-drives.bias[2], 0.0)
+    stiff = drag * step * model.dof_invweight0 > _STIFF
+    model.dof_armature[stiff] += step * drag[stiff]
 
 
 def _start(model: mujoco.MjModel) -> Array:

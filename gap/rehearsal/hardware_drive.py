@@ -7,9 +7,10 @@
     spring = drives.springs(q)
     drag = drives.drag(qd)
 
-The model's position actuators supply the numbers and nothing else. Targets, q and qd have shape
-(..., n_joints) in the order of the model's actuators; drag and friction are of every degree of
-freedom, shape (..., nv). What needs more than a number is in the other modules of the hardware.
+The model's actuators supply the numbers and nothing else, in joint units whatever their gear.
+Targets, q and qd have shape (..., n_joints) in the order of the model's actuators; drag and
+friction are of every degree of freedom, shape (..., nv). What needs more than a number is in the
+other modules of the hardware.
 """
 
 from __future__ import annotations
@@ -21,10 +22,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.drive import Drive, read_drive
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 
 Array = NDArray[np.float64]
+
+_BANDWIDTH = 20.0  # rad/s, of the loop that a computer closes around a drive without one
+_DAMPED = 0.8  # of critical
+_STUCK = 0.05  # rad, of error that overcomes dry friction
+_ROW = 0.002  # s, from one command to the next
 
 
 def load_rig(source: str | Path | mujoco.MjModel) -> tuple[mujoco.MjModel, Drives]:
@@ -37,7 +44,7 @@ def load_rig(source: str | Path | mujoco.MjModel) -> tuple[mujoco.MjModel, Drive
         The model as it is, and its drives with nothing hidden.
 
     Raises:
-        InputError: the file does not load, or has actuators that are no position servos.
+        InputError: the file does not load, or has actuators that are neither servos nor motors.
     """
     if isinstance(source, mujoco.MjModel):
         model = copy.copy(source)
@@ -57,10 +64,13 @@ class Drives:
         joints: names of the driven joints, in the order of the model's actuators.
         qpos: their addresses in qpos, shape (n_joints,).
         dofs: their addresses in qvel, shape (n_joints,).
-        gain: effort for each radian of target, shape (n_joints,), N·m/rad.
+        kinds: which target each takes.
+        gain: effort for each unit of target, shape (n_joints,), N·m/rad for a position.
+        kp, kd: of the loop that takes a joint to a position, the drive's own or that of a computer
+            beside it, shape (n_joints,), N·m/rad and N·m·s/rad.
         bias: constant effort, then effort for each rad of q and rad/s of qd, shape (3, n_joints).
         effort_range: lower and upper limit of the drive's effort, shape (2, n_joints), N·m.
-        target_range: lower and upper limit of the targets, shape (2, n_joints), rad.
+        target_range: lower and upper limit of the targets, shape (2, n_joints), in their unit.
         strength: delivered over commanded effort, shape (n_joints,).
         torque_bias: constant effort that is delivered on top, shape (n_joints,), N·m.
         offset: what the encoder reads too much, shape (n_joints,), rad.
@@ -77,32 +87,86 @@ class Drives:
         """Reads the numbers of the model's drives and joints.
 
         Args:
-            model: the robot's model; every actuator must be a plain position servo of a hinge or
+            model: the robot's model; every actuator must be a plain servo or motor of a hinge or
                 slide joint.
 
         Raises:
             InputError: an actuator is something else, or there is none.
         """
-        _check_actuators(model)
+        drives = _read(model)
         ids = model.actuator_trnid[:, 0]
         self.joints = tuple(model.joint(i).name for i in ids)
         self.qpos, self.dofs = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
-        self.gain: Array = model.actuator_gainprm[:, 0].copy()
-        self.bias: Array = model.actuator_biasprm[:, :3].T.copy()
-        own = _range(model.actuator_forcelimited, model.actuator_forcerange)
+        gear = model.actuator_gear[:, 0]
+        slope, offset, stiffness, damping = np.array(
+            [(d.slope, d.offset, d.stiffness, d.damping) for d in drives]
+        ).T
+        self.kinds = tuple(drive.kind for drive in drives)
+        per_control = gear * model.actuator_gainprm[:, 0]
+        constant = np.where(
+            model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE),
+            gear * model.actuator_biasprm[:, 0],
+            0.0,
+        )
+        self.gain: Array = per_control * slope
+        self.bias: Array = np.stack([per_control * offset + constant, -stiffness, -damping])
+        own = _range(model.actuator_forcelimited, model.actuator_forcerange) * gear
+        own = np.sort(own, axis=0)
         joint = _range(model.jnt_actfrclimited[ids], model.jnt_actfrcrange[ids])
         self.effort_range: Array = np.stack([np.maximum(own, joint)[0], np.minimum(own, joint)[1]])
-        self.target_range = _range(model.actuator_ctrllimited, model.actuator_ctrlrange)
+        controls = _range(model.actuator_ctrllimited, model.actuator_ctrlrange)
+        self.target_range: Array = np.sort((controls - offset) / slope, axis=0)
         n = len(self.joints)
         self.strength, self.slope = np.ones((2, n))
         self.torque_bias, self.offset, self.stiffness, self.preload = np.zeros((4, n))
         self.command_delay: Array = model.actuator_delay.copy()
         self.sensor_delay = np.zeros(n)
         self.damping: Array = np.vstack([model.dof_damping, model.dof_dampingpoly.T])
+        turns = np.abs(gear)
         self.damping[:, self.dofs] += np.vstack(
             [model.actuator_damping, model.actuator_dampingpoly.T]
-        )
+        ) * np.stack([turns**2, turns**3, turns**4])
         self.frictionloss: Array = model.dof_frictionloss.copy()
+        self.kp, self.kd = self._loop(model)
+
+    @property
+    def command_range(self) -> Array:
+        """Lower and upper limit of what a computer sends, shape (2, n_joints)."""
+        by_effort = np.array([kind == "effort" for kind in self.kinds])
+        most = np.where(by_effort, self.effort_range, [[-np.inf], [np.inf]])
+        return np.stack(
+            [np.maximum(most[0], self.target_range[0]), np.minimum(most[1], self.target_range[1])]
+        )
+
+    def command(self, wanted: Array, position: Array, speed: Array) -> Array:
+        """What to send so that the joints go to a position, in the unit of each drive's targets.
+
+        Args:
+            wanted: where they should be, shape (..., n_joints), rad.
+            position: as the encoders read it, shape as `wanted`, rad.
+            speed: as the encoders read it, shape as `wanted`, rad/s.
+        """
+        command = np.array(wanted)
+        for j, kind in enumerate(self.kinds):
+            missing = wanted[..., j] - position[..., j]
+            if kind == "effort":
+                command[..., j] = self.kp[j] * missing - self.kd[j] * speed[..., j]
+            elif kind == "velocity":
+                command[..., j] = _BANDWIDTH * missing
+        return command
+
+    def _loop(self, model: mujoco.MjModel) -> tuple[Array, Array]:
+        """Gains of the loops that take the joints to positions."""
+        moved, freely = model.dof_M0[self.dofs], 1.0 / model.dof_invweight0[self.dofs]
+        drag, dry = self.damping[0, self.dofs], self.frictionloss[self.dofs]
+        # As stiff as it takes to move, and no stiffer than what is read once a row allows.
+        kp = moved * _BANDWIDTH**2 + drag * _BANDWIDTH + dry / _STUCK
+        kp = np.minimum(kp, np.maximum(0.1 * freely / _ROW**2, 0.2 * drag / _ROW))
+        kd = np.minimum(2 * _DAMPED * moved * _BANDWIDTH, 0.3 * freely / _ROW)
+        servo = np.array([kind == "position" for kind in self.kinds])
+        speedy = np.array([kind == "velocity" for kind in self.kinds])
+        kp = np.where(servo, self.gain, np.where(speedy, self.gain * _BANDWIDTH, kp))
+        return kp, np.where(servo | speedy, -self.bias[2], kd)
 
     def hide(self, effect: HiddenEffect) -> None:
         """Takes an effect in, on top of what is hidden already.
@@ -202,17 +266,22 @@ def _range(is_limited: NDArray[np.uint8], bounds: Array) -> Array:
     return np.where(is_limited[:, None].astype(bool), bounds, unlimited).T
 
 
-def _check_actuators(model: mujoco.MjModel) -> None:
+def _read(model: mujoco.MjModel) -> list[Drive]:
+    """The drives of a model's actuators.
+
+    Raises:
+        InputError: one is none that simulated hardware can have.
+    """
     if model.nu == 0:
         raise InputError(
             "the model has no actuators to simulate hardware from; give each driven joint a "
             '<position joint="..." kp="..." kv="..."/>.'
         )
-    seen: set[int] = set()
-    for i in range(model.nu):
+    drives, seen = [], set[int]()
+    for i in range(model.nactuator):
         name = model.actuator(i).name or f"number {i}"
         joint = int(model.actuator_trnid[i, 0])
-        fault = None
+        fault, drive = None, None
         if model.actuator_trntype[i] != int(mujoco.mjtTrn.mjTRN_JOINT):
             fault = "does not drive a joint"
         elif model.jnt_type[joint] < int(mujoco.mjtJoint.mjJNT_SLIDE):
@@ -221,20 +290,20 @@ def _check_actuators(model: mujoco.MjModel) -> None:
             fault = "drives a joint that has no name"
         elif joint in seen:
             fault = f"is the second on joint {model.joint(joint).name!r}"
-        elif model.actuator_gear[i, 0] != 1:
-            fault = f"has gear {model.actuator_gear[i, 0]:g} where 1 is needed"
-        elif (
-            model.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE)
-            or model.actuator_gaintype[i] != int(mujoco.mjtGain.mjGAIN_FIXED)
-            or model.actuator_biastype[i] != int(mujoco.mjtBias.mjBIAS_AFFINE)
-            or model.actuator_gainprm[i, 0] <= 0
-            or model.actuator_biasprm[i, 1] >= 0
-        ):
-            fault = "is not a plain position servo"
-        if fault:
+        else:
+            drive = read_drive(model, i)
+            if (
+                drive is None
+                or model.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE)
+                or min(drive.stiffness, drive.damping) < 0
+            ):
+                fault = "is neither a plain servo nor a plain motor"
+        if fault or drive is None:
             raise InputError(
-                f"actuator {name!r} {fault}; simulated hardware takes one "
-                '<position joint="..." kp="..." kv="..."/> for each driven joint, in joint units: '
-                "it sends positions, and has no controller for what takes efforts or speeds."
+                f"actuator {name!r} {fault}; simulated hardware takes one <position>, <velocity> "
+                "or <motor> for each driven joint, without a filter or an activation of its own. "
+                "Rehearse with a copy of the model that has those."
             )
         seen.add(joint)
+        drives.append(drive)
+    return drives

@@ -30,6 +30,15 @@ from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NAMELESS
 Array = NDArray[np.float64]
 
 _ROTORS = ("backlash", "series_elasticity")
+_SERVOS: Final = (
+    "position_gain",
+    "velocity_gain",
+    "integral_action",
+    "controller_deadband",
+    "setpoint_filter",
+    "slew_limit",
+    "velocity_filter",
+)
 _FELT: Final = 0.25  # least share of the greatest lever for a body worth loading
 _SKEW: Final = (0.0005, 0.0015)
 _SLIPPERY: Final = (0.25, 0.45)  # as of wet tiles
@@ -80,18 +89,21 @@ def draw_hidden(
                 f"effect {name!r} cannot be hidden{closest(name, HIDEABLE)}; choose from "
                 f"{', '.join(HIDEABLE)}"
             )
+    servos = set(drives.kinds) == {"position"}
     possible = [
         name
         for name in (HIDEABLE if effects is None else effects)
         if (name not in ASKED or nominal is not None)
         and (name not in _ROTORS or rotors)
+        and (name not in _SERVOS or servos)
         and (name != "supply_sag" or np.isfinite(drives.effort_range[1]).all())
     ]
     if not possible:
         raise InputError(
             f"of {', '.join(effects or ()) or 'no effects'} this robot can have none; name others. "
             f"{', '.join(ASKED)} need nominal=recordings of the robot with nothing hidden, "
-            f"{' and '.join(_ROTORS)} joints with an armature, supply_sag drives with a limit"
+            f"{' and '.join(_ROTORS)} joints with an armature, supply_sag drives with a limit, "
+            f"{', '.join(_SERVOS)} a robot of position servos"
         )
     effect = possible[int(rng.integers(len(possible)))]
     usual = None if nominal is None else Usual.of(nominal, drives.joints)

@@ -67,8 +67,11 @@ class Usual:
 
         position, velocity, effort = map(all_of, ("position", "velocity", "effort"))
         fastest = np.abs(velocity).max(axis=0)
+        # What has no targets in position moves as fast as it was asked to.
         asked = [
-            np.abs(np.gradient(recording.columns[f"{joint}/position_target"], recording.time)).max()
+            np.inf
+            if (target := recording.signal(joint, "position_target")) is None
+            else np.abs(np.gradient(target, recording.time)).max()
             for recording in recordings
             for joint in joints
         ]
@@ -115,8 +118,8 @@ def joint_sizes(
         if usual is None:
             raise ValueError(f"{effect} is drawn in proportion to what the experiments ask for")
         return _asked(effect, drives, usual, rng)
-    kp, inertia = drives.gain, model.dof_M0[drives.dofs]
-    kd = np.where(drives.bias[2] < 0, -drives.bias[2], 2 * np.sqrt(kp * inertia))
+    kp, inertia = drives.kp, model.dof_M0[drives.dofs]
+    kd = np.where(drives.kd > 0, drives.kd, 2 * np.sqrt(kp * inertia))
     strongest = np.abs(drives.effort_range).max(axis=0)
     strongest = np.where(np.isfinite(strongest), strongest, kp * _SWING)
     if usual is not None:

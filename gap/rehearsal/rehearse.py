@@ -6,9 +6,11 @@ friction with bristles, four times finer steps, quantised encoders, noise.
     rehearsal = rehearse("leg.xml", ["coulomb_friction"], seed=7)
     rehearsal.recordings, rehearsal.hidden
 
-Limits: every actuator is a plain position servo of a joint, since the experiments are positions to
-go to and the simulated robot has no other controller. What stands under a robot can be hidden only
-where that floats, and has spheres for feet and a level plane. A timestep is no robot's.
+The experiments are positions to go to: servos are sent them; beside motors a computer closes the
+loop, and the efforts that it sends are logged.
+
+Limits: every actuator is a plain servo or motor of a joint. What stands under a robot can be hidden
+only where that floats, and has spheres for feet and a level plane. A timestep is no robot's.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NOT_THE_ROBOTS
 from walkerkit.gap.simulation.robot import Measurement, Robot, load_robot
 from walkerkit.gap.simulation.sidecar import FILE, with_sidecar
 from walkerkit.tasks.excitation import BATTERY
+from walkerkit.walkers.batch import without_warnings
 
 FloatArray = NDArray[np.float64]
 
@@ -43,6 +46,7 @@ _DEFAULT_ROOM = 0.5  # rad, where a joint has no range
 _SPEED = 6.0  # rad/s
 LOUD = 5.0  # standard deviations of the noise, by which a log has to show what is hidden
 _DRAWS, _GROWTHS, _GROWTH = 8, 4, 1.5
+_SUBSTEPS = (4, 16, 64)  # of the simulated robot in one of the model's, until it is stable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +73,7 @@ def rehearse(
     """Draws what to hide, and records the experiments.
 
     Args:
-        model: robot with plain position actuators: an MJCF file, or `package.module:callable`. A
+        model: robot with plain servos or motors: an MJCF file, or `package.module:callable`. A
             walker of a callable hangs in the air unless the ground is to be hidden.
         hide: names of effects, each drawn with its joints and size; `["none"]` for nothing; by
             default one drawn from all but those of the ground.
@@ -104,14 +108,50 @@ def rehearse(
         signal(time, lower=lower, upper=upper, rng=rng, max_velocity=_SPEED) for signal in targets
     ]
     choices = [None] if hide is None else [[name] for name in names]
-    nominal = run_hardware(robot.model, sent, seed=seed, names=EXPERIMENTS)
-    hidden, recordings = [], nominal
-    for choice in choices:
-        effect, recordings = draw_loud(robot.model, sent, rng, choice, nominal=nominal, seed=seed)
-        hidden.append(effect)
-    if len(hidden) > 1:
-        recordings = run_hardware(robot.model, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
+    with without_warnings():  # what diverges is said below, or tried otherwise
+        nominal, substeps = _stable(robot, sent, seed)
+        hidden, recordings = [], nominal
+        for choice in choices:
+            effect, recordings = draw_loud(
+                robot.model, sent, rng, choice, nominal=nominal, seed=seed, substeps=substeps
+            )
+            hidden.append(effect)
+        if len(hidden) > 1:
+            try:
+                recordings = run_hardware(
+                    robot.model,
+                    sent,
+                    seed=seed,
+                    hidden=hidden,
+                    names=EXPERIMENTS,
+                    substeps=substeps,
+                )
+            except RuntimeError:
+                raise InputError(
+                    f"{model}: with {' and '.join(names)} together the robot goes unstable. Hide "
+                    "fewer of them, or draw others with another --seed."
+                ) from None
     return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
+
+
+def _stable(robot: Robot, sent: Sequence[FloatArray], seed: int) -> tuple[list[Recording], int]:
+    """The experiments with nothing hidden, in steps that are short enough; and how many they are.
+
+    Raises:
+        InputError: the robot goes unstable whatever the step.
+    """
+    for substeps in _SUBSTEPS:
+        try:
+            found = run_hardware(robot.model, sent, seed=seed, names=EXPERIMENTS, substeps=substeps)
+        except RuntimeError:
+            continue
+        return found, substeps
+    step = robot.model.opt.timestep
+    raise InputError(
+        f"{robot.source}: with nothing hidden the rehearsed robot goes unstable at its timestep of "
+        f"{step:g} s and at {step / _SUBSTEPS[-1]:.2g} s: its gains are too stiff for its inertia, "
+        "or it runs into something. Lower kp, or give the joints the armature of their motors."
+    )
 
 
 def _check_as_given(robot: Robot) -> None:
@@ -159,7 +199,7 @@ def draw_loud(
     robot unstable weaker, and what stays too weak or too strong is drawn again.
 
     Args:
-        model: MJCF file of a robot with plain position actuators, or what was compiled of one.
+        model: MJCF file of a robot with plain servos or motors, or what was compiled of one.
         targets: the experiments, as for `run_hardware`.
         rng: source of the draw.
         effects: names to choose from, as for `draw_hidden`.
@@ -177,6 +217,7 @@ def draw_loud(
         InputError: none of the effects can be made to show.
     """
     names = [recording.name for recording in nominal]
+    unstable = 0
     for _ in range(_DRAWS):
         hidden = draw_hidden(model, rng, effects, nominal=nominal, places=places)
         for _ in range(_GROWTHS):
@@ -191,6 +232,7 @@ def draw_loud(
                     substeps=substeps,
                 )
             except RuntimeError:
+                unstable += 1
                 hidden = hidden.stronger(1 / _GROWTH**2)
                 continue
             loud = loudness(nominal[-1:], found[-1:], signals)
@@ -200,9 +242,11 @@ def draw_loud(
             if not quiet or (not own and len(quiet) < len(loud)):
                 return hidden, found
             hidden = hidden.stronger(_GROWTH, quiet if own else None)
+    what = ", ".join(effects or HIDEABLE)
+    if unstable == _DRAWS * _GROWTHS:
+        raise InputError(f"{what}: the robot goes unstable with it; hide something else.")
     raise InputError(
-        f"{', '.join(effects or HIDEABLE)}: none shows in the last experiment; let it move more, "
-        "or hide something else"
+        f"{what}: none shows in the last experiment; let it move more, or hide something else."
     )
 
 

@@ -13,6 +13,7 @@ from walkerkit.gap.effects.equivalences import spelled_out
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.wiring import named_errors
 from walkerkit.gap.report.diagnosis import NamedEffect, Verdict
+from walkerkit.gap.report.folded import folded
 from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.quantity import percent, quantity
 from walkerkit.gap.search.problem import Problem
@@ -164,8 +165,7 @@ def notes(
             "noise of that state makes of them is part of the noise floor."
         )
     yield from dict.fromkeys(note for robot in problem.robots for note in robot.notes)
-    for recording in seen.values():
-        yield from (f"{recording.name}: {note}" for note in recording.notes)
+    yield from folded(seen.values())
     unused = sorted({column for recording in seen.values() for column in recording.unused})
     if unused:
         yield f"Columns that nothing uses: {', '.join(unused)}."

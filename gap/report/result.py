@@ -20,6 +20,7 @@ from walkerkit.gap.report.effort_scale import effort_scales
 from walkerkit.gap.report.experiments import next_experiments
 from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import standing_out
+from walkerkit.gap.report.misfits import misfits
 from walkerkit.gap.report.named import confusion_set, considered, named_effects
 from walkerkit.gap.report.notes import notes
 from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
@@ -254,8 +255,8 @@ def summarise(
         next_experiment=following.experiment if following else None,
         obstacle=obstacle(problem),
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
-        notes=tuple(
-            notes(
+        notes=(
+            *notes(
                 problem,
                 gap,
                 effects,
@@ -263,7 +264,8 @@ def summarise(
                 scales=effort_scales(after.values(), gap),
                 searched=searched,
                 only=only,
-            )
+            ),
+            *misfits(problem, after.values()),
         ),
         wiring=named_errors(everything),
         traces=traces(problem, before, after),

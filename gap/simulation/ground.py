@@ -22,7 +22,8 @@ class Ground:
         model: the model.
 
     Attributes:
-        fixed: ids of geoms of the world that a moving geom can touch.
+        fixed: ids of geoms of the world that a moving geom can touch; none of what a robot is
+            mounted by, as the trunk of one that hangs, unless it is a plane.
         moving: ids of moving geoms that can touch one of those.
         contacts: (n, 2) which of the first can touch which of the second.
         pairs: ids of the explicit contact pairs between such geoms.
@@ -32,13 +33,17 @@ class Ground:
         still = model.body_weldid[model.geom_bodyid] == 0
         kinds, partners = model.geom_contype, model.geom_conaffinity
         touch = (kinds[:, None] & partners[None]) | (kinds[None] & partners[:, None]) != 0
-        touch &= still[:, None] & ~still[None]
+        mounts = np.isin(model.body_rootid, model.body_rootid[model.body_weldid != 0])
+        mounts[0] = False
+        planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        scenery = still & (planes | ~mounts[model.geom_bodyid])
+        touch &= scenery[:, None] & ~still[None]
         for signature in model.exclude_signature:
             first, second = signature >> 16, signature & 0xFFFF
             for one, other in ((first, second), (second, first)):
                 touch[np.ix_(model.geom_bodyid == one, model.geom_bodyid == other)] = False
         paired = np.stack([model.pair_geom1, model.pair_geom2], axis=1)
-        across = still[paired[:, 0]] != still[paired[:, 1]]
+        across = (scenery[paired] & ~still[paired[:, ::-1]]).any(axis=1)
         for first, second in paired[across]:
             # Explicit pairs take the place of what the geoms themselves say.
             touch[first, second] = touch[second, first] = False

@@ -18,7 +18,7 @@ import mujoco
 
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
 from walkerkit.actuators.play import play_joint
-from walkerkit.gap.errors import InputError, closest, one_line
+from walkerkit.gap.errors import InputError, closest, one_line, some
 from walkerkit.gap.recordings.given import model_name
 from walkerkit.gap.recordings.manifest import is_callable
 from walkerkit.gap.simulation import dry_friction
@@ -254,6 +254,14 @@ class Robot:
     def check_joints(self, names: Iterable[str], source: str) -> None:
         """Raises InputError where the model lacks one of `names`, which come from `source`."""
         known = ", ".join(map(repr, self.joints))
+        names = list(names)
+        if len(names) > 1 and not any(name in self.joints for name in names):
+            raise InputError(
+                f"{source}: none of its {len(names)} joints ({some(names)}) is in the model "
+                f"{self.source}, which has {some(list(self.joints))}. It is the log of another "
+                "robot, or names its joints otherwise: give the model of that robot, or rename the "
+                "columns `<joint>/…`."
+            )
         for name in names:
             if name not in self.joints:
                 raise InputError(

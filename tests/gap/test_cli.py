@@ -791,11 +791,13 @@ def test_simulate_takes_a_callable(run: Run, folder: Path) -> None:
 
 
 def test_simulate_says_which_robots_and_effects_it_takes(run: Run, folder: Path) -> None:
-    (folder / "motor.xml").write_text(SERVO.replace(ACTUATOR, '<motor joint="knee"/>'))
-    outcome = run("simulate", "motor.xml")
-    refused(outcome, "motor.xml", "is not a plain position servo", "no controller", "efforts")
+    (folder / "muscle.xml").write_text(
+        SERVO.replace(ACTUATOR, '<muscle joint="knee" lengthrange="0 1"/>')
+    )
+    outcome = run("simulate", "muscle.xml")
+    refused(outcome, "muscle.xml", "is neither a plain servo nor a plain motor", "Rehearse with")
     told = " ".join(run("simulate", "--help").out.split())
-    for word in ("timestep", "ground_friction", "ground_compliance", "efforts"):
+    for word in ("timestep", "ground_friction", "ground_compliance", "motors"):
         assert word in told
 
 
@@ -843,3 +845,35 @@ def test_our_own_failure_is_exit_status_1(folder: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(sys, "argv", ["walkerkit", "compare", "servo.xml", "a.csv"])
     with pytest.raises(RuntimeError, match="ours"):
         cli.main()
+
+
+def test_a_failure_of_ours_is_one_line_and_a_file_to_send(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*arguments: Any, **options: Any) -> None:
+        raise ZeroDivisionError("a fault\nof two lines")
+
+    monkeypatch.setattr(workflow, "compare", fails)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    ended = run("compare", "leg.xml", "walk.csv")
+    assert ended.status == 1
+    (file,) = tmp_path.glob("walkerkit-failure-*.txt")
+    assert ended.err == (
+        "walkerkit: this is a failure of ours: ZeroDivisionError: a fault of two lines. "
+        f"Please send us {file}, which has the details.\n"
+    )
+    told = file.read_text(encoding="utf-8")
+    assert "command: walkerkit compare leg.xml walk.csv\n" in told
+    assert f"walkerkit {metadata.version('walkerkit')}\n" in told
+    assert "Traceback" in told
+    assert "in fails" in told
+
+
+def test_a_span_is_skipped(run: Run, folder: Path) -> None:
+    whole = run("compare", "servo.xml", "a.csv", "b.csv", "--json")
+    less = run("compare", "servo.xml", "a.csv", "b.csv", "--skip", "a.csv=:0.2", "--json")
+    assert (whole.status, less.status) == (0, 0)
+    assert not any("skipped" in note for note in json.loads(whole.out)["notes"])
+    assert any("0.2 s was skipped" in note for note in json.loads(less.out)["notes"])
+    refused(run("compare", "servo.xml", "a.csv", "b.csv", "--skip", "1:2"), "a.csv=1:2")
+    refused(run("compare", "servo.xml", "a.csv", "--skip", "1-2"), "'1-2' is no span to skip")

@@ -1,111 +1,82 @@
-"""The numbers of every effect hold together on robots of any size, however far they moved."""
-
-from dataclasses import replace
+"""The numbers of every effect hold together on any robot that MuJoCo compiles, however it moved."""
 
 import mujoco
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
+import pytest
 
-from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.simulation.robot import Excursion, robot_from_spec
-from walkerkit.gap.simulation.wave import Wave
+from tests.gap.effects.any_robot import any_robot
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.trials import Trials
 
-FORMS = ("pose", "friction", "effort", "position")
-ROBOT = """
-<mujoco><compiler angle="radian"/><option timestep="{step}" integrator="implicitfast"/>
-<worldbody><body name="arm"><joint name="arm" {of_joint}/>
-  <geom type="capsule" fromto="0 0 0 0 0 -{length}" size="{radius}" mass="{mass}"/>
-  <body name="hand" pos="0 0 -{length}"><joint name="hand" axis="1 0 0" {of_hand}/>
-    <geom size="{radius}" mass="{mass}"/></body></body></worldbody>
-<actuator>{actuators}</actuator></mujoco>
+FINGER = """
+<mujoco><default><geom solimp="{solimp}"/></default>
+<worldbody>{floor}<body name="trunk" pos="0 0 1"><geom size="0.1"/>
+  <body name="leg" pos="0 0 -0.1"><joint name="hip" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02"/></body></body></worldbody></mujoco>
 """
+FLOOR = '<geom type="plane" size="1 1 1"/>'
 
 
-def between(low, high):
-    """Numbers of any magnitude between two."""
-    return st.floats(np.log10(low), np.log10(high)).map(lambda power: float(10**power))
+@pytest.mark.parametrize("first", range(0, 80, 20))
+def test_bounds_and_starts_hold_on_any_robot(first):
+    for seed in range(first, first + 20):
+        robot, text = any_robot(seed)
+        for effect in CATALOGUE.values():
+            for site in effect.sites(robot, tuple(robot.joints)):
+                parameters = effect.parameters(robot, site)  # which refuses what contradicts itself
+                told = (effect.name, site, parameters, text)
+                assert len({len(p.starts) for p in parameters}) == 1, told
+                for p in parameters:
+                    assert np.isfinite([p.zero, p.lower, p.upper, p.scale, *p.starts]).all(), told
+                    assert p.scale < p.upper - p.lower, told
+                starts = np.array([p.starts for p in parameters], dtype=float).T
+                assert (starts != [p.zero for p in parameters]).any(axis=1).all(), told
+                trials = Trials(robot, len(starts))
+                effect.apply(trials, site, starts)
+                for field in trials.fields.values():
+                    assert np.isfinite(field).all(), told
 
 
-def maybe(numbers):
-    return st.one_of(st.just(0.0), numbers)
+def hanging(floor="", solimp="0.9 0.95 0.001"):
+    text = FINGER.format(floor=floor, solimp=solimp)
+    return robot_from_spec(mujoco.MjSpec.from_string(text), "hanging.xml")
 
 
-@st.composite
-def actuators(draw, joint, size):
-    kind = draw(st.sampled_from(["position", "velocity", "motor", ""]))
-    kp, kv = size * draw(between(0.1, 1e3)), size * draw(maybe(between(1e-3, 30)))
-    gain = {
-        "position": f'kp="{kp}" kv="{kv}"',
-        "velocity": f'kv="{size * draw(between(1e-2, 30))}"',
-        "motor": f'gear="{draw(between(1e-2, 1e2))}"',
-    }
-    limit = draw(maybe(between(1e-2, 1e2)))
-    limited = f'forcerange="-{size * limit} {size * limit}"' if limit else ""
-    return f'<{kind} name="{joint}" joint="{joint}" {gain[kind]} {limited}/>' if kind else ""
+def test_what_a_robot_hangs_by_is_no_ground():
+    robot = hanging()
+    assert not Ground(robot.model)
+    for name in ("ground_friction", "ground_compliance"):
+        assert CATALOGUE[name].sites(robot, tuple(robot.joints)) == ()
+    standing = hanging(floor=FLOOR)
+    assert [*Ground(standing.model).fixed] == [0]
+    for name in ("ground_friction", "ground_compliance"):
+        assert CATALOGUE[name].sites(standing, tuple(standing.joints)) == (EVERYWHERE,)
 
 
-@st.composite
-def joints(draw, size):
-    turns = draw(st.sampled_from(["hinge", "slide"]))
-    numbers = {
-        name: size * draw(maybe(between(1e-4, 10)))
-        for name in ("armature", "damping", "frictionloss", "stiffness")
-    }
-    limit = draw(maybe(between(1e-2, 10)))
-    limited = f'range="-{limit} {limit}" limited="true"' if limit else ""
-    written = " ".join(f'{name}="{value}"' for name, value in numbers.items())
-    return f'type="{turns}" {written} {limited}'
+@pytest.mark.parametrize("solimp", ["0.015 1 0.031", "0 0 0.001", "1 1 0.001", "1 0.01 0.001"])
+def test_contacts_of_any_impedance_can_be_softer_or_harder(solimp):
+    robot = hanging(floor=FLOOR, solimp=solimp)
+    (_, impedance) = CATALOGUE["ground_compliance"].parameters(robot, EVERYWHERE)
+    assert impedance.lower < impedance.upper
+    ends = np.array([[0.0, impedance.lower], [0.0, impedance.upper]])
+    trials = Trials(robot, 2)
+    CATALOGUE["ground_compliance"].apply(trials, EVERYWHERE, ends)
+    both = trials.field("geom_solimp")[:, :, :2]
+    assert both.min() >= 0.0
+    assert both.max() <= 1.0
+    assert not np.array_equal(both[0], both[1])
 
 
-@st.composite
-def excursions(draw):
-    middle, width = draw(st.floats(-10, 10)), draw(between(1e-6, 1e2))
-    found = tuple(
-        Wave(
-            form=form,
-            periods=2 * np.pi / width * draw(between(1.25, 400)),  # as they are looked for
-            amplitude=draw(between(1e-7, 1e3)),
-            phase=draw(st.floats(-np.pi, np.pi)),
-        )
-        for form in draw(st.lists(st.sampled_from(FORMS), max_size=4))
+def test_a_drive_that_pushes_away_has_no_gains_of_a_servo():
+    text = FINGER.format(floor="", solimp="0.9 0.95 0.001").replace(
+        "</worldbody>",
+        '</worldbody><actuator><general joint="hip" biastype="affine" gainprm="1" '
+        'biasprm="0 5 2"/></actuator>',
     )
-    return Excursion(
-        lower=middle - width / 2,
-        upper=middle + width / 2,
-        velocity=draw(between(1e-6, 1e3)),
-        acceleration=draw(between(1e-6, 1e5)),
-        effort=draw(between(1e-6, 1e4)),
-        duration=draw(between(1e-1, 1e4)),
-        prominent=lambda: found,
-    )
-
-
-@st.composite
-def robots(draw):
-    mass, length = draw(between(1e-3, 1e3)), draw(between(1e-2, 3))
-    size = mass * 9.81 * length
-    text = ROBOT.format(
-        step=draw(st.sampled_from([1e-3, 2e-3, 5e-3])),
-        mass=mass,
-        length=length,
-        radius=0.1 * length,
-        of_joint=draw(joints(mass * length**2)),
-        of_hand=draw(joints(mass * length**2)),
-        actuators=draw(actuators("arm", size)) + draw(actuators("hand", size)),
-    )
-    robot = robot_from_spec(mujoco.MjSpec.from_string(text), "robot.xml")
-    return replace(robot, excursions={name: draw(excursions()) for name in robot.joints})
-
-
-@settings(max_examples=150)
-@given(robots())
-def test_starts_lie_within_bounds_on_any_robot(robot):
-    for effect in CATALOGUE.values():
-        for site in effect.sites(robot, tuple(robot.joints)):
-            parameters = effect.parameters(robot, site)  # which refuses what contradicts itself
-            assert len({len(p.starts) for p in parameters}) == 1, effect.name
-            for p in parameters:
-                numbers = [p.zero, p.lower, p.upper, p.scale, *p.starts]
-                assert np.isfinite(numbers).all(), (effect.name, p)
-            assert any(v != p.zero for p in parameters for v in p.starts), (effect.name, parameters)
+    robot = robot_from_spec(mujoco.MjSpec.from_string(text), "away.xml")
+    for name in ("position_gain", "controller_deadband", "integral_action", "setpoint_filter"):
+        assert CATALOGUE[name].sites(robot, ("hip",)) == ()
+    (kd,) = CATALOGUE["velocity_gain"].parameters(robot, "hip")
+    assert kd.lower == 0.0

@@ -256,7 +256,9 @@ def test_what_was_not_logged_may_have_a_column(tmp_path: Path) -> None:
     assert set(recording.unused) == {*empty.split(",")}
     assert set(recording.columns) == {"knee/position", "knee/position_target"}
     text = f"{HEADER},knee/velocity\n0,0,0,\n0.01,0,0.1,1\n"
-    refused_file(write_csv(tmp_path / "log.csv", text), "'knee/velocity'", "1 of 2", "such rows")
+    refused_file(
+        write_csv(tmp_path / "log.csv", text), "'knee/velocity'", "1 of 2", "Interpolate it"
+    )
     made = Recording(
         name="made",
         time=np.array([0.0, 0.01]),

@@ -42,7 +42,7 @@ def test_an_ordinary_log_is_left_alone() -> None:
         assert tidied(recording).columns["knee/position"] is not None
         np.testing.assert_array_equal(tidied(recording).columns["knee/position"], position)
     steps = 0.4 * np.sign(np.sin(9 * TIME))
-    assert tidied(log(noisy(0.4 * np.tanh(20 * np.sin(9 * TIME - 0.2))), steps)).notes == ()
+    assert tidied(log(noisy(0.4 * np.tanh(20 * np.sin(9 * TIME - 0.6))), steps)).notes == ()
 
 
 @pytest.mark.parametrize("offset", [0.0, 2.9, -3.0])
@@ -129,3 +129,26 @@ def test_a_log_that_is_mostly_a_gap_is_looked_at_all_the_same(end: float) -> Non
     columns = {"knee/position": noisy(TARGET), "knee/position_target": late(TARGET, 20)}
     recording = Recording(name="log", time=np.append(TIME[:-1], end), columns=columns)
     assert not any("out of step" in note for note in tidied(recording).notes)
+
+
+@pytest.mark.parametrize("to", [0.4, -0.4])
+def test_a_servo_that_stops_where_it_was_to_go_is_no_saturated_encoder(to: float) -> None:
+    # At full speed into its target, where its reading stays to the last bit.
+    target = np.clip(to * (TIME - 1), min(0, to), max(0, to))
+    position = np.round(np.clip(to * (TIME - 1.01), min(0, to), max(0, to)), 4)
+    assert not any("saturated" in note for note in tidied(log(position, target)).notes)
+    # The same reading of a target that goes on.
+    further = np.clip(to * (TIME - 1), min(0, 2 * to), max(0, 2 * to))
+    (note,) = tidied(log(position, further)).notes
+    assert "saturated encoder, or a stop" in note
+
+
+def test_a_log_that_begins_in_motion_says_what_its_targets_were() -> None:
+    swing = 0.5 * np.sin(4 * TIME)
+    (note,) = tidied(log(noisy(swing, 1e-5), swing)).notes
+    assert note == (
+        "it begins while 'knee' moves: what the targets were before its first row is unknown, and "
+        "was taken to be what they are there"
+    )
+    rested = 0.5 * (1 - np.cos(4 * TIME))
+    assert tidied(log(noisy(rested, 1e-5), rested)).notes == ()

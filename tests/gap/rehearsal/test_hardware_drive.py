@@ -105,10 +105,21 @@ class TestDrives:
     ("joint", "actuators", "message"),
     [
         ('name="j"', "", 'no actuators.*give each driven joint a <position joint="..."'),
-        ('name="j"', '<motor name="m" joint="j"/>', "actuator 'm' is not a plain position servo"),
-        ('name="j"', '<velocity joint="j" kv="2"/>', "actuator 'number 0' is not a plain position"),
-        ('name="j"', '<position joint="j" kp="9" timeconst="0.1"/>', "not a plain position servo"),
-        ('name="j"', '<position joint="j" kp="9" gear="2"/>', "has gear 2 where 1 is needed"),
+        (
+            'name="j"',
+            '<muscle name="m" joint="j" lengthrange="0 1"/>',
+            "actuator 'm' is neither a plain servo nor a plain motor",
+        ),
+        (
+            'name="j"',
+            '<general joint="j" biastype="affine" biasprm="0 9 0"/>',
+            "actuator 'number 0' is neither a plain servo nor a plain motor",
+        ),
+        (
+            'name="j"',
+            '<position joint="j" kp="9" timeconst="0.1"/>',
+            "number 0' is neither a plain servo nor a plain motor",
+        ),
         ('name="j"', 2 * '<position joint="j" kp="9"/>', "'number 1' is the second on joint 'j'"),
         ('name="j" type="ball"', '<position joint="j" kp="9"/>', "neither a hinge nor a slide"),
         (

@@ -325,3 +325,14 @@ class TestFloating:
         robot = load_robot(DATA / "robots" / file)
         assert robot.base is not None
         assert robot.base.body == base
+
+
+def test_the_log_of_another_robot_is_told_at_once(robot):
+    names = [f"{leg}_{joint}" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh")]
+    with pytest.raises(InputError) as refusal:
+        robot.check_joints(names, "log.csv")
+    assert str(refusal.value) == (
+        "log.csv: none of its 8 joints ('FL_hip', 'FL_thigh', 'FR_hip' and 5 more) is in the model "
+        "cart.xml, which has 'cart', 'arm'. It is the log of another robot, or names its joints "
+        "otherwise: give the model of that robot, or rename the columns `<joint>/…`."
+    )

@@ -1,0 +1,65 @@
+"""Effects that this robot cannot have: each costs itself, never the diagnosis.
+
+effects, notes = buildable(effects, problem.robots, problem.joints)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from walkerkit.gap.effects import Effect
+from walkerkit.gap.errors import one_line
+from walkerkit.gap.search.structure import Structure, candidate_terms
+from walkerkit.gap.simulation.robot import Robot
+
+
+def buildable(
+    effects: Sequence[Effect], robots: Sequence[Robot], joints: Sequence[str]
+) -> tuple[list[Effect], tuple[str, ...]]:
+    """Splits off the effects whose numbers cannot be made, or not written into the robots.
+
+    Args:
+        effects: those that are to be considered.
+        robots: one per condition, with their excursions.
+        joints: names of the joints that the recordings measure.
+
+    Returns:
+        The others, and a note of each that was left out.
+    """
+    found, notes = [], []
+    for effect in effects:
+        problem = why_not(effect, robots, joints)
+        if problem is None:
+            found.append(effect)
+        else:
+            notes.append(
+                f"{effect.name} was left out, as it cannot be built for {robots[0].source}: "
+                f"{problem}. All other effects were considered."
+            )
+    return found, tuple(notes)
+
+
+def why_not(effect: Effect, robots: Sequence[Robot], joints: Sequence[str]) -> str | None:
+    """What goes wrong as an effect's starts are written into the robots; None where nothing does.
+
+    Args:
+        effect: one of ours, or a user's.
+        robots: one per condition, with their excursions.
+        joints: names of the joints that the recordings measure.
+    """
+    try:
+        for term in candidate_terms([effect], robots, joints):
+            structure = Structure((term,), tuple(robots))
+            starts = [slot.parameter.starts for slot in structure.slots]
+            tries = max(map(len, starts), default=0)
+            values = np.array([np.resize(one, tries) for one in starts], dtype=float).T
+            for robot in robots:
+                fields = structure.trials(robot, values).fields
+                for name, written in fields.items():
+                    if not np.isfinite(written).all():
+                        return f"it makes {name} infinite or no number"
+    except Exception as error:  # an effect may fail in any way, and is not worth the others
+        return f"{type(error).__name__}: {one_line(error)}"
+    return None
