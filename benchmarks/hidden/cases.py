@@ -22,7 +22,7 @@ import numpy as np
 from walkerkit.gap.rehearsal.hideable import HIDEABLE, NAMELESS
 
 Channels = Literal["q", "q+qd", "q+qd+tau"]
-Off = Literal["", "substeps", "timestep", "integrator", "nuisance"]
+Off = Literal["", "substeps", "timestep", "integrator", "nuisance", "clutter"]
 _Tier = Callable[[str, np.random.Generator], list["Case"]]
 
 SIGNALS: Final[Mapping[Channels, tuple[str, ...]]] = {
@@ -33,8 +33,13 @@ SIGNALS: Final[Mapping[Channels, tuple[str, ...]]] = {
 """What a log has under each choice of channels."""
 NUISANCES: Final = ("armature", "viscous_friction", "coulomb_friction")
 """Names that are no false alarm where these numbers are a little off."""
+ORDINARY: Final = (*NUISANCES, "position_gain", "velocity_gain", "command_delay")
+"""Effects of which every model of a real robot has some."""
+CLUTTER: Final = (*ORDINARY, "presliding_friction")
+"""What a cluttered robot has beside the hidden effect; see `benchmarks.hidden.clutter`."""
 
 _EVERY = (*HIDEABLE, "timestep")
+_RARE = tuple(name for name in HIDEABLE if name not in CLUTTER)
 _OFF: tuple[Off, ...] = ("", "substeps", "timestep", "integrator", "nuisance", "nuisance")
 # What one joint of twelve can have.
 _OF_A_JOINT = tuple(n for n, kind in HIDEABLE.items() if kind.on == "joints" and not kind.shared)
@@ -56,6 +61,7 @@ class Case:
         body: the body that has a body's effect; drawn by default.
         removed: the workflow does not know the hidden effects, nor what leaves the same logs.
         off: what else is not as in the model.
+        shorter: by which the time of its experiments is divided.
         draw: which draw it is of; from 1 on, the robot has other numbers and its log another rate.
     """
 
@@ -68,6 +74,7 @@ class Case:
     body: str | None = None
     removed: bool = False
     off: Off = ""
+    shorter: float = 1.0
     draw: int = 0
 
     @property
@@ -179,6 +186,24 @@ def _standing(tier: str, _: np.random.Generator) -> list[Case]:
     ]
 
 
+def _cluttered(tier: str, rng: np.random.Generator) -> list[Case]:
+    """Every effect that is not ordinary, on a robot of 1, 3 or 12 joints that is off everywhere."""
+    rigs = ("pendulum", "leg", "hung_quadruped")
+    return [
+        Case(
+            tier=tier,
+            number=i,
+            rig=rigs[i % len(rigs)],
+            channels="q+qd+tau",
+            hide=(str(name),),
+            single=rigs[i % len(rigs)] == "hung_quadruped" and str(name) in _OF_A_JOINT,
+            off="clutter",
+            shorter=2.0,
+        )
+        for i, name in enumerate(rng.permutation(_RARE))
+    ]
+
+
 TIERS: Final[Mapping[str, _Tier]] = {
     "one_effect": _one_effect("q+qd+tau"),
     "one_effect_q_qd": _one_effect("q+qd"),
@@ -188,6 +213,7 @@ TIERS: Final[Mapping[str, _Tier]] = {
     "outside": _outside,
     "one_of_twelve": _one_of_twelve,
     "standing": _standing,
+    "cluttered": _cluttered,
 }
 """The tiers by name, each with what makes its cases."""
 
