@@ -37,7 +37,7 @@ ARM = """
   <option timestep="0.002" integrator="implicitfast"/>
   <worldbody><body name="link"><joint name="arm" axis="0 1 0" {joint}/>
     <inertial pos="0 0 -0.2" mass="0.6" diaginertia="0.004 0.004 0.001"/></body></worldbody>
-  <actuator><position name="arm" joint="arm" kp="20" kv="0.5" forcerange="-9 9"/></actuator>
+  <actuator><position name="arm" joint="arm" kp="8" kv="0.5" forcerange="-9 9"/></actuator>
 </mujoco>
 """
 TRUE = 'armature="0.01" damping="0.15" frictionloss="0.2"'
@@ -165,8 +165,9 @@ class TestKinds:
             for model in models
         ]
         assert sizes[0] > SHOWS * best.gaps["position"]
-        # Where the targets are shifted, those of the end are lost for good.
-        assert sizes[1] == pytest.approx(best.gaps["position"], rel=0.15)
+        # Nearly all of it: where the targets are shifted, those of the end are lost for good.
+        gained = sizes[0] - best.gaps["position"]
+        assert sizes[1] == pytest.approx(best.gaps["position"], abs=0.1 * gained)
 
 
 def reloaded(robot: Robot, folder: Path) -> Robot:
