@@ -204,7 +204,7 @@ def _with(recording: Recording, signals: Sequence[str]) -> Recording:
         columns={
             column: values
             for column, values in recording.columns.items()
-            if column.rpartition("/")[2] in signals or column.startswith("base/")
+            if column.rpartition("/")[2] in (*signals, "voltage") or column.startswith("base/")
         },
     )
 

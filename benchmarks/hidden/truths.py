@@ -29,6 +29,8 @@ _OTHERWISE: Final[Mapping[str, Callable[[Mapping[str, float]], dict[str, float]]
         ("cogging", "torque_ripple", "kinematic_error", "pose_dependent_friction"),
         lambda v: {"amplitude": v["amplitude"], "periods": v["periods"]},
     ),
+    # All of the effort goes with the voltage, however far that goes.
+    "supply_voltage": lambda v: {"share": 1.0},
     # Another law of the ground, and a change of the model's number instead of another number.
     "ground_compliance": lambda v: {},
     "ground_friction": lambda v: {},

@@ -11,8 +11,8 @@ gravity, springs, joint limits and contacts but those of feet that stand on the 
 
 The log has each joint's `position_target` as it was sent, `position` and `velocity` as the encoder
 reads them, and `effort` as the drive believes it delivers it: after its own limits and lags,
-without a wrong torque constant, bias, ripple, spring or friction; and of a base that floats its
-pose and velocity.
+without a wrong torque constant, bias, ripple, spring or friction; of a supply that varies its
+`voltage`; and of a base that floats its pose and velocity.
 
 Limits: every actuator must be a plain position servo of a hinge or slide joint (gear 1); tendons,
 equality constraints and all other contacts stay MuJoCo's.
@@ -38,7 +38,7 @@ from walkerkit.gap.rehearsal.hardware_drive import Drives, load_rig
 from walkerkit.gap.rehearsal.hardware_friction import Friction
 from walkerkit.gap.rehearsal.hardware_ground import Soil
 from walkerkit.gap.rehearsal.hardware_log import Log, readings
-from walkerkit.gap.rehearsal.hardware_motor import Motor
+from walkerkit.gap.rehearsal.hardware_motor import Motor, swing_of
 from walkerkit.gap.rehearsal.hardware_transmission import Stops, Transmission
 from walkerkit.gap.rehearsal.hardware_troubles import Troubles
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
@@ -131,6 +131,8 @@ def run_hardware(
             for j, joint in enumerate(drives.joints)
             for signal, values in zip(_LOGGED, (command, *read), strict=True)
         }
+        if swing_of(hidden):
+            columns["voltage"] = log.voltage(len(command), swing_of(hidden), rng)
         if poses.size:
             columns |= base_readings(poses[: len(command), i], rng)
         time = np.arange(len(command)) / rate

@@ -130,6 +130,24 @@ class Group:
             applied[..., self.robot.joints[name].dof] /= trials.effort_scale[name][:, None, None]
         return applied
 
+    def voltage(self, lead: FloatArray, steps: int) -> FloatArray:
+        """Voltage of the supply, (n · n_segments, steps, 1) [V]; NaN where it was not logged.
+
+        Args:
+            lead: (n, n_segments) by which the simulation begins before a segment [s].
+            steps: that it takes.
+        """
+        clock = self.robot.model.opt.timestep * np.arange(steps)
+        found = np.full((*lead.shape, steps), np.nan)
+        for s, segment in enumerate(self.segments):
+            whole = segment.recording.whole
+            logged = whole.columns.get("voltage")
+            if logged is not None:
+                known = np.isfinite(logged)
+                at = segment.start - lead[:, s, None] + clock
+                found[:, s] = np.interp(at, whole.time[known], logged[known])
+        return found.reshape(-1, steps, 1)
+
     def jumps(
         self, joint: Joint, ctrl: FloatArray, applied: FloatArray | None, fields: ModelFields
     ) -> FloatArray | None:

@@ -75,6 +75,7 @@ SOME = {
     "end_stop": {"lower": 0.3, "upper": 0.7},
     "torque_speed_limit": {"saturation_effort": 2.5, "velocity_limit": 6.0},
     "supply_sag": {"sag": 0.15},
+    "supply_voltage": {"swing": 0.2},
     "strength_drift": {"rate": 0.3},
     "actuator_lag": {"time_constant": 0.02},
     "loop_delay": {"delay": 0.008},
