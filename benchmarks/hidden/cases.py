@@ -38,7 +38,10 @@ ORDINARY: Final = (*NUISANCES, "position_gain", "velocity_gain", "command_delay"
 CLUTTER: Final = (*ORDINARY, "presliding_friction")
 """What a cluttered robot has beside the hidden effect; see `benchmarks.hidden.clutter`."""
 
-_LATER = ("supply_voltage",)  # than the cases: these stay as they are, and have them at their end
+_LATER = (
+    "supply_voltage",
+    "mount_compliance",
+)  # than the cases: these stay as they are, and have them at their end
 _FIRST = tuple(name for name in HIDEABLE if name not in _LATER)
 _EVERY = (*_FIRST, "timestep")
 _RARE = tuple(name for name in HIDEABLE if name not in CLUTTER)

@@ -23,6 +23,10 @@ _OTHER_NAMES: Final = MappingProxyType(
 _OTHERWISE: Final[Mapping[str, Callable[[Mapping[str, float]], dict[str, float]]]] = {
     # The hardware's base is turned, the model's gravity.
     "base_tilt": lambda v: {"roll": -v["roll"], "pitch": -v["pitch"]},
+    "mount_compliance": lambda v: {
+        "compliance": 1.0 / v["stiffness"],
+        "damping_ratio": v["damping_ratio"],
+    },
     "series_elasticity": lambda v: {"compliance": 1.0 / v["stiffness"]},
     # A phase is no number to hold against another, 2π apart or not.
     **dict.fromkeys(

@@ -140,6 +140,13 @@ HIDEABLE: Final[Mapping[str, Hideable]] = MappingProxyType(
         "encoder_offset": _on_joints(_any("offset", "rad")),
         "encoder_gain": _on_joints(_any("excess", "")),
         "kinematic_error": _on_joints(*_wave("rad")),
+        "mount_compliance": Hideable(
+            on="world",
+            parameters=(
+                _above("stiffness", _TURN, grows=-1),
+                _some("damping_ratio", "", grows=0),
+            ),
+        ),
         "base_tilt": Hideable(on="world", parameters=(_any("roll", "rad"), _any("pitch", "rad"))),
     }
 )

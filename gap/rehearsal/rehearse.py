@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
-from walkerkit.gap.rehearsal.hardware_drive import Drives
+from walkerkit.gap.rehearsal.hardware_drive import Drives, Source
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, loudness
 from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NOT_THE_ROBOTS
@@ -104,13 +104,13 @@ def rehearse(
         signal(time, lower=lower, upper=upper, rng=rng, max_velocity=_SPEED) for signal in targets
     ]
     choices = [None] if hide is None else [[name] for name in names]
-    nominal = run_hardware(robot.model, sent, seed=seed, names=EXPERIMENTS)
+    nominal = run_hardware(robot.spec, sent, seed=seed, names=EXPERIMENTS)
     hidden, recordings = [], nominal
     for choice in choices:
-        effect, recordings = draw_loud(robot.model, sent, rng, choice, nominal=nominal, seed=seed)
+        effect, recordings = draw_loud(robot.spec, sent, rng, choice, nominal=nominal, seed=seed)
         hidden.append(effect)
     if len(hidden) > 1:
-        recordings = run_hardware(robot.model, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
+        recordings = run_hardware(robot.spec, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
     return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
 
 
@@ -141,7 +141,7 @@ def _check_hideable(names: Sequence[str]) -> None:
 
 
 def draw_loud(
-    model: str | Path | mujoco.MjModel,
+    model: Source,
     targets: Sequence[FloatArray],
     rng: np.random.Generator,
     effects: Sequence[str] | None = None,
@@ -159,7 +159,7 @@ def draw_loud(
     robot unstable weaker, and what stays too weak or too strong is drawn again.
 
     Args:
-        model: MJCF file of a robot with plain position actuators, or what was compiled of one.
+        model: MJCF file of a robot with plain position actuators, its spec, or what was compiled.
         targets: the experiments, as for `run_hardware`.
         rng: source of the draw.
         effects: names to choose from, as for `draw_hidden`.

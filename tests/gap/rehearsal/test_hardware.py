@@ -76,6 +76,7 @@ SOME = {
     "torque_speed_limit": {"saturation_effort": 2.5, "velocity_limit": 6.0},
     "supply_sag": {"sag": 0.15},
     "supply_voltage": {"swing": 0.2},
+    "mount_compliance": {"stiffness": 300.0, "damping_ratio": 0.1},
     "strength_drift": {"rate": 0.3},
     "actuator_lag": {"time_constant": 0.02},
     "loop_delay": {"delay": 0.008},
@@ -115,6 +116,8 @@ _FREE = {
 NONE = {name: dict.fromkeys(values, 0.0) for name, values in SOME.items()} | _FREE
 # A gear that is a thousand times stiffer than a soft one is as good as none, but has a rotor.
 del NONE["series_elasticity"]
+# A stand that is stiff weighs something all the same.
+del NONE["mount_compliance"]
 
 
 @pytest.fixture
