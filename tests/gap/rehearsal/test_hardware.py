@@ -289,8 +289,8 @@ class TestEveryEffect:
         )
 
     def test_of_no_size_changes_nothing(self, written, nominal, name):
-        if name == "series_elasticity":
-            pytest.skip("no gear with a rotor is rigid")
+        if name in ("series_elasticity", "mount_compliance"):
+            pytest.skip("no gear with a rotor is rigid, and no stand without weight")
         hidden = run(written, SMOOTH, hide(name, **NONE[name]), substeps=2)
         for channel in ("position", "velocity", "effort"):
             np.testing.assert_array_equal(signal(nominal, channel), signal(hidden, channel))
