@@ -5,7 +5,7 @@
 
 Damping, dry friction and armature of each joint are off by up to half, gains of each servo by up to
 15 %, masses by up to 5 %; commands come a sample late; dry friction is that of bristles, which bend
-by milliradians before they slide.
+by milliradians before they slide. Where the model has no dry friction the robot has a little.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ MASSES: Final = 0.05
 """By how much of itself each body's mass may be off; its inertia goes with it."""
 BEND: Final = (0.001, 0.004)
 """How far bristles bend before they slide, rad."""
+LITTLE: Final = (0.002, 0.01)
+"""Dry friction where the model has none, of the drive's effort limit."""
 
 
 def clutter(
@@ -34,7 +36,7 @@ def clutter(
     """Makes the machine that a model is meant to be.
 
     Args:
-        path: MJCF of the model: position servos on joints that have names.
+        path: MJCF of the model: position servos with a limit, one on each joint.
         folder: where the machine is written.
         rng: source of what is off.
         rate: samples a second of its log.
@@ -62,10 +64,12 @@ def clutter(
         servo.biasprm[1] *= kp
         servo.biasprm[2] *= kv
     dry: dict[str, float] = {}
+    limits = {servo.target: float(servo.forcerange[1]) for servo in spec.actuators}
     for joint in spec.joints:
         joint.armature *= off(LOSSES)
         joint.damping = off(LOSSES) * np.asarray(joint.damping)
-        dry[joint.name] = joint.frictionloss * off(LOSSES)
+        none = float(rng.uniform(*LITTLE)) * limits[joint.name]
+        dry[joint.name] = joint.frictionloss * off(LOSSES) if joint.frictionloss else none
         joint.frictionloss = 0.0
     spec.compile()
     real = folder / file

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -27,7 +28,7 @@ from walkerkit.gap.rehearsal.hidden import HiddenEffect
 Array = NDArray[np.float64]
 
 
-Source = str | Path | mujoco.MjSpec | mujoco.MjModel
+Source: TypeAlias = str | Path | mujoco.MjSpec | mujoco.MjModel
 """A robot: its MJCF, the spec of one, or what was compiled of that."""
 
 

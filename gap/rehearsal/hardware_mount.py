@@ -29,6 +29,7 @@ SHARE: Final = 0.05
 HINGES: Final = {"stand_roll": "1 0 0", "stand_pitch": "0 1 0"}
 """Name to axis of the stand's joints."""
 
+_BARE = dict.fromkeys(("armature", "damping", "frictionloss", "stiffness"), "0")
 _LIGHT = 1e-6  # kg and kg·m²
 
 
@@ -75,15 +76,8 @@ def _on_a_stand(spec: mujoco.MjSpec, mass: float, inertia: float) -> str:
     robot = world[at]
     stand = ElementTree.Element("body", name="stand", pos=robot.get("pos", "0 0 0"))
     for name, axis in HINGES.items():
-        ElementTree.SubElement(
-            stand,
-            "joint",
-            name=name,
-            type="hinge",
-            axis=axis,
-            limited="false",
-            **dict.fromkeys(("armature", "damping", "frictionloss", "stiffness"), "0"),
-        )
+        joint = {"name": name, "type": "hinge", "axis": axis, "limited": "false", **_BARE}
+        ElementTree.SubElement(stand, "joint", joint)
     turning = " ".join(f"{inertia:.9g}" for _ in range(3))
     ElementTree.SubElement(stand, "inertial", pos="0 0 0", mass=f"{mass:g}", diaginertia=turning)
     world.remove(robot)

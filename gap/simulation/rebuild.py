@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from walkerkit.actuators.drivetrain import LoadSideFeedback
 from walkerkit.gap.simulation.gear_play import set_play, with_play
 from walkerkit.gap.simulation.mount import mounts, set_mount, with_mount
-from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.robot import Joint, Play, Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
 
 _TIMESTEP, _INTEGRATOR = "opt.timestep", "opt.integrator"
@@ -135,7 +135,7 @@ class Rebuilt:
     def _added(self, name: str) -> list[int]:
         """Rows of a field that the given robot does not have."""
         plays = [self.robot.joints[joint].play for joint in self._played]
-        added = [*self._mounted, *(play for play in plays if play)]
+        added: list[Joint | Play] = [*self._mounted, *(play for play in plays if play)]
         if name.startswith("dof_"):
             return [one.dof for one in added]
         if name.startswith("jnt_"):

@@ -1,10 +1,11 @@
 from collections import Counter
 
+import mujoco
 import numpy as np
 import pytest
 
 from benchmarks.hidden.cases import CLUTTER, SIGNALS, TIERS, cases
-from benchmarks.hidden.clutter import GAINS, LOSSES, MASSES, clutter
+from benchmarks.hidden.clutter import GAINS, LITTLE, LOSSES, MASSES, clutter
 from benchmarks.hidden.rigs import (
     EXPERIMENTS,
     HEAVIER,
@@ -82,7 +83,11 @@ class TestCluttered:
         assert {case.off for case in some} == {"clutter"}
 
     def test_are_off_everywhere_by_no_more_than_they_may(self, tmp_path):
-        path = write_rig("leg", tmp_path)
+        spec = mujoco.MjSpec.from_file(str(write_rig("leg", tmp_path)))
+        for joint, loss in zip(spec.joints, (0.2, 0.3, 0.0), strict=True):
+            joint.frictionloss = loss
+        path = tmp_path / "rubs.xml"
+        path.write_text(spec.to_xml(), encoding="utf-8")
         real, beside = clutter(path, tmp_path, np.random.default_rng(3), rate=500.0)
         (machine, drives), (model, meant) = load_rig(real), load_rig(path)
         dofs = meant.dofs
@@ -101,8 +106,9 @@ class TestCluttered:
         late, bristles = beside
         assert late.value("delay") == 1 / 500
         losses = [bristles.value("frictionloss", joint) for joint in meant.joints]
-        off = np.array(losses) / model.dof_frictionloss[dofs]
+        off = np.array(losses[:2]) / [0.2, 0.3]
         assert 0 < np.abs(off - 1).max() <= LOSSES
+        assert LITTLE[0] <= losses[2] / meant.effort_range[1, 2] <= LITTLE[1]
 
 
 class TestRigs:
