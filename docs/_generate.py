@@ -40,7 +40,7 @@ FAMILIES = {
     "drive": ("Drive", ("actuation", "laws_drive")),
     "controller": ("Controller", ("laws_controller",)),
     "measurement": ("Timing and measurement", ("timing", "measurement")),
-    "surroundings": ("Surroundings", ("environment", "ground", "simulation")),
+    "surroundings": ("Surroundings", ("environment", "mount", "ground", "simulation")),
 }
 PACKAGES = ("gap", "actuators", "walkers", "tasks")
 JOINT = "calf"
@@ -222,7 +222,7 @@ def _recording(robot: Robot, time: np.ndarray) -> Recording:
     wave = np.sin(2 * np.pi * 2 * time)
     shape = np.where(time < 2, 0.3 * triangle, np.where(time < 2.4, 0.25, 0.2 * wave))
     shape *= np.minimum(1, 4 * time)
-    columns = {}
+    columns = {"voltage": 24.0 * (1 + 0.2 * np.sin(2 * np.pi * 0.7 * time))}
     for joint in robot.joints:
         target = home[joint] + shape * (0.4 if joint == "hip" else 1.0)
         columns |= {f"{joint}/{signal}": target for signal in ("position", "position_target")}

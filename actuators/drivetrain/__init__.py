@@ -22,6 +22,7 @@ from walkerkit.actuators.drivetrain.drive import (
     QuadraticDrag,
     StrengthDrift,
     SupplySag,
+    SupplyVoltage,
     TorqueRipple,
     TorqueSpeedLimit,
 )
@@ -63,6 +64,7 @@ __all__ = [
     "StrengthDrift",
     "StribeckFriction",
     "SupplySag",
+    "SupplyVoltage",
     "TorqueRipple",
     "TorqueSpeedLimit",
     "VelocityFilter",

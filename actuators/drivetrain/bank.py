@@ -14,7 +14,10 @@ from walkerkit.actuators.drivetrain.registry import LAWS
 FloatArray = NDArray[np.float64]
 
 _FEW = 0.75  # of the simulations; a law of more runs in all
-_REPLACED = ("target", "effort", "friction", "target_ahead", "effort_ahead")  # by some laws
+_REPLACED = (  # by some laws
+    *("target", "effort", "friction", "target_ahead", "effort_ahead"),
+    "supply",
+)
 
 
 class LawBank:

@@ -23,8 +23,39 @@ from walkerkit.actuators.selection import Numbers
 
 
 @dataclass(frozen=True, kw_only=True)
+class SupplyVoltage(DrivetrainLaw):
+    """What the drive makes goes with the supply's voltage: τ (1 + w (V/V₀ − 1)).
+
+    With a share w of 1 that is τ V/V₀, of a drive that does not correct for its supply. Its limits
+    are lower by as much. Where no voltage is known it is V₀.
+
+    Attributes:
+        share: w [1].
+        nominal: V₀, at which the drive makes what it is asked for [V].
+    """
+
+    name: ClassVar[str] = "supply_voltage"
+    stage: ClassVar[Stage] = "drive"
+    neutral: ClassVar[Mapping[str, float]] = {"share": 0.0, "nominal": 1.0}
+    share: Numbers = number()
+    nominal: Numbers = number(above=0)
+
+    @staticmethod
+    def apply(step: Step, p: Parameters, state: State) -> None:
+        """As in `DrivetrainLaw`."""
+        known = np.isfinite(step.voltage)
+        off = np.where(known, np.where(known, step.voltage, 0.0) / p["nominal"] - 1.0, 0.0)
+        step.supply = 1.0 + p["share"] * off
+        step.effort = step.effort * step.supply
+        if step.effort_ahead.any():
+            step.effort_ahead = step.effort_ahead * step.supply
+
+
+@dataclass(frozen=True, kw_only=True)
 class TorqueSpeedLimit(DrivetrainLaw):
     """The torque–speed line of a DC motor: τ between S (−1 − q̇/V) and S (1 − q̇/V).
+
+    Both S and V go with the voltage of the supply, where a law says so.
 
     Attributes:
         saturation_effort: S, at standstill [N·m; N].
@@ -41,8 +72,8 @@ class TorqueSpeedLimit(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        stall = p["saturation_effort"]
-        lost = stall * (step.qd / p["velocity_limit"])
+        lost = p["saturation_effort"] * (step.qd / p["velocity_limit"])
+        stall = p["saturation_effort"] * step.supply
         # Faster than V it can only brake, by no more than its stall torque.
         high = clipped(stall - lost, -stall, stall)
         low = clipped(-stall - lost, -stall, stall)

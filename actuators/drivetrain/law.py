@@ -49,6 +49,9 @@ class Step:
             joint and link; zero where nothing does, or no law reads it.
         target_ahead, effort_ahead: of the target and of the reported effort, what they are at the
             step's beginning over their mean over it, where they jump within it.
+        voltage: of the supply, (n_sims, 1) or less [V]; NaN where nobody knows it.
+        supply: what the drives have of the voltage that they are made for [1]; laws of the drive
+            replace it.
     """
 
     dt: float
@@ -68,6 +71,11 @@ class Step:
     play_speed: FloatArray = field(default_factory=lambda: np.zeros(1))
     target_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
     effort_ahead: FloatArray = field(default_factory=lambda: np.zeros(1))
+    voltage: FloatArray = field(default_factory=lambda: np.full(1, np.nan))
+    supply: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.supply = np.ones_like(self.q)
 
 
 Parameters = Mapping[str, FloatArray]

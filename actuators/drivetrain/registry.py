@@ -18,6 +18,7 @@ from walkerkit.actuators.drivetrain.drive import (
     QuadraticDrag,
     StrengthDrift,
     SupplySag,
+    SupplyVoltage,
     TorqueRipple,
     TorqueSpeedLimit,
 )
@@ -42,6 +43,7 @@ _LAWS: tuple[type[DrivetrainLaw], ...] = (
     IntegralAction,
     VelocityFilter,
     LoopDelay,
+    SupplyVoltage,
     SupplySag,
     TorqueSpeedLimit,
     ActuatorLag,

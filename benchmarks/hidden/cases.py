@@ -22,7 +22,7 @@ import numpy as np
 from walkerkit.gap.rehearsal.hideable import HIDEABLE, NAMELESS
 
 Channels = Literal["q", "q+qd", "q+qd+tau"]
-Off = Literal["", "substeps", "timestep", "integrator", "nuisance"]
+Off = Literal["", "substeps", "timestep", "integrator", "nuisance", "clutter"]
 _Tier = Callable[[str, np.random.Generator], list["Case"]]
 
 SIGNALS: Final[Mapping[Channels, tuple[str, ...]]] = {
@@ -33,11 +33,21 @@ SIGNALS: Final[Mapping[Channels, tuple[str, ...]]] = {
 """What a log has under each choice of channels."""
 NUISANCES: Final = ("armature", "viscous_friction", "coulomb_friction")
 """Names that are no false alarm where these numbers are a little off."""
+ORDINARY: Final = (*NUISANCES, "position_gain", "velocity_gain", "command_delay")
+"""Effects of which every model of a real robot has some."""
+CLUTTER: Final = (*ORDINARY, "presliding_friction")
+"""What a cluttered robot has beside the hidden effect; see `benchmarks.hidden.clutter`."""
 
-_EVERY = (*HIDEABLE, "timestep")
+_LATER = (
+    "supply_voltage",
+    "mount_compliance",
+)  # than the cases: these stay as they are, and have them at their end
+_FIRST = tuple(name for name in HIDEABLE if name not in _LATER)
+_EVERY = (*_FIRST, "timestep")
+_RARE = tuple(name for name in HIDEABLE if name not in CLUTTER)
 _OFF: tuple[Off, ...] = ("", "substeps", "timestep", "integrator", "nuisance", "nuisance")
 # What one joint of twelve can have.
-_OF_A_JOINT = tuple(n for n, kind in HIDEABLE.items() if kind.on == "joints" and not kind.shared)
+_OF_A_JOINT = tuple(n for n in _FIRST if HIDEABLE[n].on == "joints" and not HIDEABLE[n].shared)
 # With all channels, what another name says exactly is not taken out of the catalogue.
 _TOLD_ALIKE = ("encoder_offset", "base_tilt", "com_offset", "torque_bias", "coulomb_friction")
 
@@ -56,6 +66,7 @@ class Case:
         body: the body that has a body's effect; drawn by default.
         removed: the workflow does not know the hidden effects, nor what leaves the same logs.
         off: what else is not as in the model.
+        shorter: by which the time of its experiments is divided.
         draw: which draw it is of; from 1 on, the robot has other numbers and its log another rate.
     """
 
@@ -68,6 +79,7 @@ class Case:
     body: str | None = None
     removed: bool = False
     off: Off = ""
+    shorter: float = 1.0
     draw: int = 0
 
     @property
@@ -95,6 +107,7 @@ def _one_effect(channels: Channels) -> _Tier:
             for turn in range(2)
             for effect in rng.permutation(_EVERY)
         ]
+        chosen += [(effect, rig) for effect in _LATER for rig in ("pendulum", "leg")]
         return [
             Case(tier=tier, number=i, rig=rig, channels=channels, hide=(effect,))
             for i, (effect, rig) in enumerate(chosen)
@@ -107,8 +120,9 @@ def _two_effects(tier: str, rng: np.random.Generator) -> list[Case]:
     """Pairs of effects, each effect in three or two."""
     pairs: list[tuple[str, str]] = []
     for _ in range(3):
-        order = [str(effect) for effect in rng.permutation(list(HIDEABLE))]
+        order = [str(effect) for effect in rng.permutation(_FIRST)]
         pairs += zip(order[::2], order[1::2], strict=False)
+    pairs += [(effect, "coulomb_friction") for effect in _LATER]
     return [
         Case(tier=tier, number=i, rig=("leg", "pendulum")[i % 2], channels="q+qd+tau", hide=pair)
         for i, pair in enumerate(pairs)
@@ -127,7 +141,7 @@ def _nothing(tier: str, rng: np.random.Generator) -> list[Case]:
 
 def _outside(tier: str, rng: np.random.Generator) -> list[Case]:
     """What the workflow has no name for: an effect that it is not told of, or a trouble."""
-    taken = [str(e) for e in rng.permutation([e for e in HIDEABLE if e not in _TOLD_ALIKE])]
+    taken = [str(e) for e in rng.permutation([e for e in _FIRST if e not in _TOLD_ALIKE])]
     troubles = [(trouble, rig) for trouble in NAMELESS for rig in ("leg", "pendulum")]
     chosen: list[tuple[str, str]] = []
     for i, effect in enumerate(taken):
@@ -179,6 +193,24 @@ def _standing(tier: str, _: np.random.Generator) -> list[Case]:
     ]
 
 
+def _cluttered(tier: str, rng: np.random.Generator) -> list[Case]:
+    """Every effect that is not ordinary, on a robot of 1, 3 or 12 joints that is off everywhere."""
+    rigs = ("pendulum", "leg", "hung_quadruped")
+    return [
+        Case(
+            tier=tier,
+            number=i,
+            rig=rigs[i % len(rigs)],
+            channels="q+qd+tau",
+            hide=(str(name),),
+            single=rigs[i % len(rigs)] == "hung_quadruped" and str(name) in _OF_A_JOINT,
+            off="clutter",
+            shorter=2.0,
+        )
+        for i, name in enumerate(rng.permutation(_RARE))
+    ]
+
+
 TIERS: Final[Mapping[str, _Tier]] = {
     "one_effect": _one_effect("q+qd+tau"),
     "one_effect_q_qd": _one_effect("q+qd"),
@@ -188,6 +220,7 @@ TIERS: Final[Mapping[str, _Tier]] = {
     "outside": _outside,
     "one_of_twelve": _one_of_twelve,
     "standing": _standing,
+    "cluttered": _cluttered,
 }
 """The tiers by name, each with what makes its cases."""
 

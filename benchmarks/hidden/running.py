@@ -15,17 +15,19 @@ import mujoco
 import numpy as np
 
 from benchmarks.hidden.cases import SIGNALS, Case
-from benchmarks.hidden.outcome import Hidden, Named, Outcome, Value
+from benchmarks.hidden.clutter import clutter
+from benchmarks.hidden.outcome import Hidden, Outcome
 from benchmarks.hidden.rigs import experiments, rate_of, reads_first, write_rig
+from benchmarks.hidden.saying import Truth, alike, places, said
 from benchmarks.hidden.truths import truth
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.effects.equivalences import equivalences, spelled_out, wholes
+from walkerkit.gap.effects.equivalences import spelled_out, wholes
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.rehearse import draw_loud
-from walkerkit.gap.report.diagnosis import NamedEffect
+from walkerkit.gap.report.diagnosis import Estimate
 from walkerkit.gap.simulation.robot import Robot, load_robot
 
 JITTER: Final = 5e-5
@@ -49,7 +51,7 @@ def run_case(case: Case, *, effects: Sequence[str] | None = None, shorter: float
         `impossible` where what is to be hidden does not show on this rig and these channels.
     """
     with tempfile.TemporaryDirectory() as folder:
-        return _run(case, Path(folder), effects or list(CATALOGUE), shorter)
+        return _run(case, Path(folder), effects or list(CATALOGUE), shorter * case.shorter)
 
 
 def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outcome:
@@ -64,7 +66,7 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
     truths = tuple(_hidden(one, robot, case) for one in hidden)
     if "timestep" in case.hide:
         text = f"timestep of {robot.model.opt.timestep:g} s"
-        everywhere = _places((), (), robot)
+        everywhere = places((), (), robot)
         truths = (Hidden(effect="timestep", places=everywhere, alike=(), text=text),)
     if case.removed:
         # With what leaves the same log, alone, together with another, or with one of its sizes
@@ -77,7 +79,8 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
     try:
         found = gap.diagnose(model, seen, effects=known, n_threads=1).diagnosis
         oracle = None
-        if hidden and all(one.effect in known for one in hidden):
+        told = case.off != "clutter"  # there the structure is more than what is hidden
+        if told and hidden and all(one.effect in known for one in hidden):
             oracle = _oracle(model, seen, hidden)
     except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
         # One failure must not lose the other cases; it counts as a wrong answer.
@@ -90,7 +93,10 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
         off=case.off,
         verdict=found.verdict,
         hidden=truths,
-        named=tuple(_named(one, hidden, robot, case, found.effects) for one in found.effects),
+        named=tuple(
+            said(one, found.effects, robot, SIGNALS[case.channels], _truth(one.effect, hidden))
+            for one in found.effects
+        ),
         before=found.gap.position.before,
         after=found.gap.position.after,
         oracle=oracle,
@@ -126,12 +132,16 @@ def _recorded(
     case: Case, folder: Path, rng: np.random.Generator, shorter: float
 ) -> tuple[Sequence[Recording], tuple[HiddenEffect, ...]]:
     """The logs and what is hidden in them."""
+    rate = rate_of(case.rig, case.robot)
     nuisance = rng if case.off == "nuisance" else None
     real = write_rig(case.rig, folder, file="real.xml", nuisance=nuisance, robot=case.robot)
+    # What is hidden is drawn for the robot as it should be, and shows on that.
+    meant, beside = real, tuple[HiddenEffect, ...]()
+    if case.off == "clutter":
+        real, beside = clutter(meant, folder, rng, rate=rate, file="cluttered.xml")
     substeps = 8 if case.off == "substeps" else 4
     seed = case.seed % _TARGETS
-    rate = rate_of(case.rig, case.robot)
-    targets = experiments(case.rig, real, seed=seed, shorter=shorter, rate=rate)
+    targets = experiments(case.rig, meant, seed=seed, shorter=shorter, rate=rate)
     sent = list(targets.values())
     noise = case.seed
 
@@ -140,7 +150,7 @@ def _recorded(
             real,
             sent,
             rate=rate,
-            hidden=hidden,
+            hidden=(*beside, *hidden),
             seed=noise,
             substeps=substeps,
             names=list(targets),
@@ -154,19 +164,19 @@ def _recorded(
     nominal = _nominal(case.rig, case.robot, seed, shorter)
     hidden = []
     for name in names:
-        places = None if case.body is None else [case.body]
+        where = None if case.body is None else [case.body]
         if case.single:
             every = nominal[0].joints
-            places = [every[int(rng.integers(len(every)))]]
+            where = [every[int(rng.integers(len(every)))]]
         signals = [s for s in SIGNALS[case.channels] if s in ("position", "effort")]
         one, _ = draw_loud(
-            real,
+            meant,
             sent,
             rng,
             [name],
             nominal=nominal,
             seed=seed,
-            places=places,
+            places=where,
             signals=signals,
             rate=rate,
         )
@@ -194,7 +204,7 @@ def _with(recording: Recording, signals: Sequence[str]) -> Recording:
         columns={
             column: values
             for column, values in recording.columns.items()
-            if column.rpartition("/")[2] in signals or column.startswith("base/")
+            if column.rpartition("/")[2] in (*signals, "voltage") or column.startswith("base/")
         },
     )
 
@@ -205,8 +215,8 @@ def _oracle(
     """The held-out gap of a fit that is told the structure; None where it cannot be fitted."""
     structure = {one.effect: one.places or EVERYWHERE for one in hidden}
     structure = {
-        name: EVERYWHERE if tuple(places) == (EVERYWHERE,) else places
-        for name, places in structure.items()
+        name: EVERYWHERE if tuple(where) == (EVERYWHERE,) else where
+        for name, where in structure.items()
     }
     problem = gap.load(model, recordings, n_threads=1)
     return gap.fit(problem, structure).gap.position.after
@@ -216,55 +226,17 @@ def _hidden(one: HiddenEffect, robot: Robot, case: Case) -> Hidden:
     joints = one.joints if one.kind.on == "joints" else ()
     return Hidden(
         effect=one.effect,
-        places=_places(joints, one.bodies, robot),
-        alike=_alike(one.effect, joints, robot, case),
+        places=places(joints, one.bodies, robot),
+        alike=alike(one.effect, joints, robot, SIGNALS[case.channels]),
         text=one.describe(),
     )
 
 
-def _named(
-    one: NamedEffect,
-    hidden: Sequence[HiddenEffect],
-    robot: Robot,
-    case: Case,
-    effects: Sequence[NamedEffect],
-) -> Named:
-    beside = [
-        other.effect
-        for other in effects
-        if other is not one and (EVERYWHERE in other.joints or {*one.joints} <= {*other.joints})
-    ]
-    values = [
-        Value(name=of.name, place=of.place, true=true, value=of.value, std=of.std)
-        for effect in hidden
-        if effect.effect == one.effect
-        for of in one.parameters
-        if not of.at_bound and (true := truth(effect, of.place).get(of.name)) is not None
-    ]
-    return Named(
-        effect=one.effect,
-        places=_places(one.joints, one.bodies, robot),
-        confidence=one.confidence,
-        doubt=one.indistinguishable_from,
-        alike=_alike(one.effect, one.joints, robot, case, beside),
-        values=tuple(values),
-    )
+def _truth(effect: str, hidden: Sequence[HiddenEffect]) -> Truth:
+    """What the numbers of a named effect should be."""
 
+    def true(of: Estimate) -> float | None:
+        same = (one for one in hidden if one.effect == effect)
+        return next((truth(one, of.place).get(of.name) for one in same), None)
 
-def _places(joints: Sequence[str], bodies: Sequence[str], robot: Robot) -> tuple[str, ...]:
-    """The joints or bodies by name; of the whole robot all driven joints."""
-    if EVERYWHERE in joints or not (joints or bodies):
-        return tuple(sorted(name for name in robot.joints if robot.joints[name].drives))
-    return tuple(sorted((*joints, *bodies)))
-
-
-def _alike(
-    effect: str, joints: Sequence[str], robot: Robot, case: Case, beside: Sequence[str] = ()
-) -> tuple[str, ...]:
-    """Effects that the catalogue documents as exactly equivalent under the case's channels."""
-    if effect not in CATALOGUE:
-        return ()
-    found = equivalences(
-        effect, SIGNALS[case.channels], robot=robot, joints=tuple(joints), beside=beside
-    )
-    return tuple(found)
+    return true

@@ -7,13 +7,15 @@ as one name. A verdict about several effects is right only as a whole.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import replace
 
-from benchmarks.hidden.cases import NUISANCES
+from benchmarks.hidden.cases import CLUTTER, NUISANCES
 from benchmarks.hidden.outcome import Hidden, Named, Outcome
 
 CONFIDENT = 0.9
 """From where on a name is stated for sure."""
+_OFF = {"nuisance": NUISANCES, "clutter": CLUTTER}  # names that are right of a robot that is off
 _Z = 1.96  # standard errors to either side of a 95 % interval
 
 
@@ -58,6 +60,31 @@ def place_right(outcome: Outcome) -> bool:
     return set(found.places) == set(truth.places)
 
 
+def aside(outcome: Outcome, names: Collection[str]) -> Outcome:
+    """The outcome without some of the names, but for those that are hidden."""
+    left = tuple(
+        named
+        for named in outcome.named
+        if named.effect not in names or any(same(h, named) for h in outcome.hidden)
+    )
+    return replace(outcome, named=left)
+
+
+def rare_first(outcome: Outcome) -> bool:
+    """Whether of the names that are not the clutter's the hidden effect is first."""
+    return first_right(aside(outcome, CLUTTER))
+
+
+def rare_place(outcome: Outcome) -> bool:
+    """As `place_right`, of the first name that is not the clutter's."""
+    return place_right(aside(outcome, CLUTTER))
+
+
+def rare_and_wrong(outcome: Outcome) -> bool:
+    """Whether a name that is not the clutter's is stated for sure, and wrong."""
+    return confidently_wrong(aside(outcome, CLUTTER))
+
+
 def all_named(outcome: Outcome) -> bool:
     """Whether every hidden effect is named, each by a name of its own."""
     return _matched(outcome, same)
@@ -70,7 +97,7 @@ def all_in_sets(outcome: Outcome) -> bool:
 
 def false_alarm(outcome: Outcome) -> bool:
     """Whether an effect is named where there is none, nuisances aside where these are off."""
-    allowed = NUISANCES if outcome.off == "nuisance" else ()
+    allowed = _OFF.get(outcome.off, ())
     return any(named.effect not in allowed for named in outcome.named)
 
 
@@ -88,13 +115,12 @@ def confidently_wrong(outcome: Outcome) -> bool:
 
 
 def stated(outcomes: Iterable[Outcome]) -> list[bool]:
-    """Of all names that are stated for sure, whether each is right; nuisances are no names."""
+    """Of all names that are stated for sure, whether each is right; what is off is no name."""
     return [
         any(same(h, named) for h in outcome.hidden)
         for outcome in outcomes
         for named in outcome.named
-        if named.confidence >= CONFIDENT
-        and not (outcome.off == "nuisance" and named.effect in NUISANCES)
+        if named.confidence >= CONFIDENT and named.effect not in _OFF.get(outcome.off, ())
     ]
 
 

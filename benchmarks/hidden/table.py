@@ -18,6 +18,9 @@ from benchmarks.hidden.scoring import (
     false_alarm,
     first_right,
     place_right,
+    rare_and_wrong,
+    rare_first,
+    rare_place,
     ratios,
     set_size,
     share,
@@ -104,6 +107,10 @@ def _mark(outcome: Outcome) -> str:
         return "-"
     if outcome.tier == "nothing":
         return "ALARM" if false_alarm(outcome) else "right"
+    if outcome.tier == "cluttered":
+        if rare_first(outcome) and not rare_and_wrong(outcome):
+            return "right" if rare_place(outcome) else "place"
+        return "WRONG"
     if outcome.tier == "outside":
         return "WRONG" if confidently_wrong(outcome) else "right" if admits(outcome) else "silent"
     if all_named(outcome):
@@ -165,4 +172,9 @@ _FIGURES: dict[str, tuple[_Figure, ...]] = {
         ("first name right", first_right, "85 %"),
     ),
     "standing": (("first name right", first_right, "75 %"),),
+    "cluttered": (
+        ("first of the names that are not ordinary right", rare_first, "85 %"),
+        ("its joint or body", rare_place, "90 %"),
+        ("another stated for sure that is not ordinary", rare_and_wrong, "at most 3 %"),
+    ),
 }

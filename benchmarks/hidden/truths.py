@@ -23,12 +23,18 @@ _OTHER_NAMES: Final = MappingProxyType(
 _OTHERWISE: Final[Mapping[str, Callable[[Mapping[str, float]], dict[str, float]]]] = {
     # The hardware's base is turned, the model's gravity.
     "base_tilt": lambda v: {"roll": -v["roll"], "pitch": -v["pitch"]},
+    "mount_compliance": lambda v: {
+        "compliance": 1.0 / v["stiffness"],
+        "damping_ratio": v["damping_ratio"],
+    },
     "series_elasticity": lambda v: {"compliance": 1.0 / v["stiffness"]},
     # A phase is no number to hold against another, 2π apart or not.
     **dict.fromkeys(
         ("cogging", "torque_ripple", "kinematic_error", "pose_dependent_friction"),
         lambda v: {"amplitude": v["amplitude"], "periods": v["periods"]},
     ),
+    # All of the effort goes with the voltage, however far that goes.
+    "supply_voltage": lambda v: {"share": 1.0},
     # Another law of the ground, and a change of the model's number instead of another number.
     "ground_compliance": lambda v: {},
     "ground_friction": lambda v: {},

@@ -1,8 +1,9 @@
 """The logs of real hardware, with the split and the figure that the examples have.
 
     log = LOGS[0]
-    problem = log.load()                                    # a gap.Problem
-    log.figure(problem, gap.replay(problem).gap, "after")   # one number, or one per joint
+    log.experiments()                              # models and recordings, with their split
+    problem = log.load()                           # a gap.Problem
+    log.figure(problem, gap.replay(problem).gap)   # one number, or one per joint
 
 They are looked for where the examples look: below WALKERKIT_DATA.
 """
@@ -10,9 +11,10 @@ They are looked for where the examples look: below WALKERKIT_DATA.
 from __future__ import annotations
 
 import importlib
+import json
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -20,8 +22,10 @@ from types import ModuleType
 import numpy as np
 
 from walkerkit import gap
+from walkerkit.gap.recordings.manifest import Experiment, load_experiments, load_manifest
 from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.simulation.commands import Hold
 
 _EXAMPLES = str(Path(__file__).resolve().parents[2] / "examples")
 Figure = tuple[float, ...]
@@ -32,24 +36,34 @@ class RealLog:
     """One set of recordings.
 
     Attributes:
-        name: of its example, and of its folder.
+        name: of its folder, and of its example where there is one.
         what: what the figure is.
-        load: the problem, with the example's split.
+        experiments: models and recordings, with the example's split.
         figure: the figure of a gap, after something was done about it.
         percent: the figure is relative.
+        hold: what the targets are between their samples, where that is known.
     """
 
     name: str
     what: str
-    load: Callable[[], Problem]
+    experiments: Callable[[], tuple[Experiment, ...]]
     figure: Callable[[Problem, Gap], Figure]
     percent: bool = False
+    hold: Hold | None = None
+
+    def load(self) -> Problem:
+        """The problem, with the example's split."""
+        experiments = self.experiments()
+        with tempfile.TemporaryDirectory() as folder:
+            path = write_experiments(Path(folder), experiments)
+            return gap.load(path, hold=self.hold, allow_outside=True)
 
     def diagnose(self) -> gap.Result:
-        """What walkerkit makes of it unaided, as the example has it."""
+        """What walkerkit makes of it unaided."""
+        experiments = self.experiments()
         with tempfile.TemporaryDirectory() as folder:
-            result: gap.Result = _example(self.name).main(Path(folder))
-        return result
+            path = write_experiments(Path(folder), experiments)
+            return gap.diagnose(path, allow_outside=True)
 
     def said(self, figure: Figure) -> str:
         """The figure as text."""
@@ -77,23 +91,51 @@ def folder(name: str) -> Path:
     return found.resolve()
 
 
-def _xl330() -> Problem:
+def write_experiments(folder: Path, experiments: Sequence[Experiment]) -> Path:
+    """Writes recordings and a manifest of experiments whose models are where they are.
+
+    Args:
+        folder: where.
+        experiments: models and recordings; names of recordings are unique.
+
+    Returns:
+        Path of the manifest.
+    """
+    parts = []
+    for experiment in experiments:
+        files: dict[bool, list[str]] = {True: [], False: []}
+        for recording in experiment.recordings:
+            file = f"{recording.name.replace('/', '_')}.csv"
+            recording.save(folder / file)
+            files[recording.name in experiment.held_out].append(file)
+        parts.append(
+            f"[[experiment]]\nmodel = {json.dumps(str(experiment.model))}\n"
+            f"recordings = {json.dumps(files[False])}\nheld_out = {json.dumps(files[True])}\n"
+        )
+    path = folder / "experiments.toml"
+    path.write_text("\n".join(parts), encoding="utf-8")
+    return path
+
+
+def _xl330() -> tuple[Experiment, ...]:
     with tempfile.TemporaryDirectory() as temporary:
-        manifest = _example("xl330").manifest(folder("xl330"), Path(temporary) / "xl330.toml")
-        return gap.load(manifest)
+        return load_manifest(
+            _example("xl330").manifest(folder("xl330"), Path(temporary) / "x.toml")
+        )
 
 
-def _double_pendulum() -> Problem:
-    data = folder("double_pendulum")
-    held_out = [data / name for name in _example("double_pendulum").HELD_OUT]
-    return gap.load(data / "double_pendulum.xml", sorted(data.glob("*.csv")), held_out=held_out)
+def _of_one_model(
+    name: str, recordings: str, held_out: Sequence[str]
+) -> Callable[[], tuple[Experiment, ...]]:
+    """A model that is called as its folder, and its recordings."""
 
+    def experiments() -> tuple[Experiment, ...]:
+        data = folder(name)
+        model, *_ = sorted(data.glob("*.xml"))
+        files = sorted(data.glob(recordings))
+        return load_experiments(model, files, held_out=[data / one for one in held_out])
 
-def _emps() -> Problem:
-    data = folder("emps")
-    recordings = [data / "identification.csv", data / "pulses.csv"]
-    # The loop runs at the rate of the log; held, its targets would saw at twice the rate.
-    return gap.load(data / "emps.xml", recordings, held_out=recordings[1:], hold="linear")
+    return experiments
 
 
 def _position(problem: Problem, of: Gap) -> Figure:
@@ -114,20 +156,30 @@ LOGS = (
     RealLog(
         name="emps",
         what="relative effort error on pulses.csv",
-        load=_emps,
+        experiments=_of_one_model("emps", "*.csv", ["pulses.csv"]),
         figure=_relative_effort,
         percent=True,
+        # The loop runs at the rate of the log; held, its targets would saw at twice the rate.
+        hold="linear",
     ),
     RealLog(
         name="double_pendulum",
         what="position RMS of shoulder / elbow over 0.5 s windows",
-        load=_double_pendulum,
+        experiments=_of_one_model(
+            "double_pendulum", "*.csv", ["20230629-144003.csv", "20230629-144115.csv"]
+        ),
         figure=_joints,
     ),
     RealLog(
         name="xl330",
         what="position RMS over whole rollouts of sin_sin",
-        load=_xl330,
+        experiments=_xl330,
+        figure=_position,
+    ),
+    RealLog(
+        name="go2_leg",
+        what="position RMS over a whole rollout of leg_part3.csv",
+        experiments=_of_one_model("go2_leg", "*.csv", ["leg_part3.csv"]),
         figure=_position,
     ),
 )

@@ -1,4 +1,4 @@
-"""`mujoco.sysid` on a problem of ours: armature, damping and frictionloss of each joint.
+"""`mujoco.sysid` on a problem of ours: armature, damping and frictionloss of each joint, or more.
 
     fit = identify(gap.load("arm.xml", ["a.csv", "b.csv"]))     # needs the extra mujoco[sysid]
     gap.replay(problem, fit.robots).gap
@@ -66,17 +66,20 @@ def available() -> bool:
     return hasattr(sysid, "optimize")
 
 
-def identify(problem: Problem, *, iterations: int = 100) -> Identified:
+def identify(
+    problem: Problem, *, effects: Sequence[str] = EFFECTS, iterations: int = 100
+) -> Identified:
     """Fits the recordings that are not held out.
 
     Args:
         problem: what `gap.load` returned.
+        effects: whose parameters, of effects that are fields of the model and nothing else.
         iterations: the most that the optimizer may take.
 
     Raises:
         ValueError: a recording has feed-forward effort, which its rollouts cannot apply.
     """
-    terms = candidate_terms([CATALOGUE[n] for n in EFFECTS], problem.robots, problem.joints)
+    terms = candidate_terms([CATALOGUE[n] for n in effects], problem.robots, problem.joints)
     structure = Structure(terms, problem.robots)
     parameters = sysid.ParameterDict()
     for slot, lower, upper in zip(structure.slots, *structure.bounds, strict=True):

@@ -11,7 +11,9 @@ Nothing is fitted here; the numbers are the makers' own:
   whose friction b q̇ + cf atan(100 q̇) is taken as damping b and frictionloss cf π/2, and whose
   rotors of 6.29e-5 kg·m² turn six times as fast;
 - xl330: BAM's M1 (Coulomb and viscous friction, armature, and 0.018 rad that are added to what
-  the encoder reads), with the back-EMF kt²/R of its motor as a velocity gain; kt/R is in the model.
+  the encoder reads), with the back-EMF kt²/R of its motor as a velocity gain; kt/R is in the model;
+- go2_leg: the makers' fit of damping, frictionloss and armature (issue 8 of their repository), less
+  what their model has already.
 
 Which recordings they come from is the makers' choice; it may have been those that are held out
 here as well.
@@ -30,6 +32,14 @@ from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
+_GO2 = ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint")
+
+
+def _beyond(own: float, *published: float) -> dict[str, float]:
+    """What each joint of the leg has beyond what its model has."""
+    return {joint: value - own for joint, value in zip(_GO2, published, strict=True)}
+
+
 PUBLISHED: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "emps": {
         "viscous_friction": {"carriage": 203.5034},
@@ -47,6 +57,11 @@ PUBLISHED: Mapping[str, Mapping[str, Mapping[str, float]]] = {
         "coulomb_friction": {"servo": 0.007},
         "armature": {"servo": 0.0016},
         "encoder_offset": {"servo": -0.018},
+    },
+    "go2_leg": {
+        "viscous_friction": _beyond(0.6, 0.20, 0.17, 0.35),
+        "coulomb_friction": _beyond(0.2, 0.17, 0.17, 0.71),
+        "armature": _beyond(0.01, 0.008, 0.017, 0.043),
     },
 }
 """Log to effect to joint to its one number, in the effect's unit."""

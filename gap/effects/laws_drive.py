@@ -15,6 +15,7 @@ from walkerkit.gap.simulation.trials import Trials
 _LONGEST_LOOP = 0.06  # s
 _USUAL, _FASTEST, _SLOWEST = 0.02, 0.002, 0.1  # s, of a control loop
 _FAR = 4.0  # times what was seen; a limit there is none
+_STEADY = 0.02  # of itself, by which a supply varies that says nothing
 
 
 class TorqueSpeedLimit(LawEffect):
@@ -145,6 +146,58 @@ class LoopDelay(LawEffect):
                 starts=tuple(min(part * time, longest) for part in (1.2, 0.8, 0.5, 0.25, 0.1)),
             ),
         )
+
+
+class SupplyVoltage(LawEffect):
+    """The drive does not correct for its supply, whose voltage is in the log.
+
+    The voltage at which it makes what it is asked for is the median of what was logged: a drive
+    that is made for another one has a wrong torque constant besides.
+    """
+
+    law = laws.SupplyVoltage
+    name = "supply_voltage"
+    part = "strength"
+    equation = (
+        "τ (1 + w (V/V₀ − 1)) and its limits, w: share [1], V: the log's voltage [V], "
+        "V₀: its median"
+    )
+    symptom = "follows the voltage column"
+    source = "a bridge that is driven by duty cycle: its mean voltage goes with that of the supply"
+    shared = True
+
+    def acts_on(self, robot: Robot, joint: str) -> bool:
+        """Joints with a drive, where the voltage was logged and varied."""
+        seen = robot.excursion(joint).voltage
+        return (
+            super().acts_on(robot, joint)
+            and seen is not None
+            and seen[0] > 0
+            and seen[2] - seen[1] > _STEADY * seen[0]
+        )
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The share of the effort that goes with the voltage."""
+        known = self.known(robot, site)["share"]
+        return (
+            Parameter(
+                name="share",
+                unit="1",
+                zero=known,
+                lower=min(-0.5, known),
+                upper=max(2.5, known),
+                scale=0.1,
+                starts=(0.5, 1.0),
+            ),
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Writes the law's share, and the voltage that was usual where it has none yet."""
+        super().apply(trials, site, values)
+        robot = trials.robot
+        seen, own = robot.excursion(site).voltage, trials.law(self.law, site)
+        if seen is not None and self.law.name not in robot.laws.get(site, {}):
+            own["nominal"][own["share"] != 0] = seen[0]
 
 
 class SupplySag(Effect):

@@ -16,7 +16,7 @@ _FEWEST_IN_WINDOW = 8
 _LONGEST_PAUSE = 0.5  # s
 _COMPARED = ("position", "effort")
 _PLACEHOLDERS = ("velocity", "effort")
-_SPARES = ("voltage", "current")  # that a log may have and nothing reads
+_SPARES = ("current",)  # that a log may have and nothing reads
 _ECHO = 1e-4  # of the largest effort; rounding in a file is less, what a drive measures is more
 
 

@@ -8,8 +8,8 @@ recording.between(2.0, 4.0).save("part.npz")
 One column per signal, `<joint>/<signal>`, beside `time` in seconds; SI units and radians; the joint
 is everything before the last slash. Optional: of the base `base/position_x…z` and
 `base/linear_velocity_x…z` (world frame), `base/quaternion_w…z` (base to world),
-`base/angular_velocity_x…z` (base frame), as a MuJoCo free joint has them; and `voltage` and
-`<joint>/current`, which are kept though nothing compares them. Every joint has a `position` and at
+`base/angular_velocity_x…z` (base frame), as a MuJoCo free joint has them; the supply's `voltage`;
+and `<joint>/current`, which is kept though nothing reads it. Every joint has a `position` and at
 least one joint a target; a joint without one is passive. A recording that cannot be used raises
 InputError: one line that says where, what, and how to mend it.
 """

@@ -11,7 +11,8 @@ gravity, springs, joint limits and contacts but those of feet that stand on the 
 
 The log has each joint's target as it was sent, `position` and `velocity` as the encoder reads them,
 and `effort` as the drive believes it delivers it: after its own limits and lags, without a wrong
-torque constant, bias, ripple, spring or friction; and of a base that floats its pose and velocity.
+torque constant, bias, ripple, spring or friction; of a supply that varies its `voltage`; and of a
+base that floats its pose and velocity.
 Where a drive takes efforts or speeds, a computer beside the robot goes for the positions, and the
 log has the `effort_target` or `velocity_target` that it sent.
 
@@ -23,7 +24,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 import mujoco
@@ -36,11 +36,13 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware_base import WIDTH, base_readings, free_joint
 from walkerkit.gap.rehearsal.hardware_companion import Companion
 from walkerkit.gap.rehearsal.hardware_controller import Controller
-from walkerkit.gap.rehearsal.hardware_drive import Drives, load_rig
+from walkerkit.gap.rehearsal.hardware_drive import Drives, Source, load_rig, spec_of
 from walkerkit.gap.rehearsal.hardware_friction import Friction
 from walkerkit.gap.rehearsal.hardware_ground import Soil
 from walkerkit.gap.rehearsal.hardware_log import Log, readings
-from walkerkit.gap.rehearsal.hardware_motor import Motor
+from walkerkit.gap.rehearsal.hardware_motor import Motor, swing_of
+from walkerkit.gap.rehearsal.hardware_mount import EFFECT as MOUNT
+from walkerkit.gap.rehearsal.hardware_mount import Stand, mounted
 from walkerkit.gap.rehearsal.hardware_transmission import Stops, Transmission
 from walkerkit.gap.rehearsal.hardware_troubles import Troubles
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
@@ -62,7 +64,7 @@ _OFF = (
 
 
 def run_hardware(
-    source: str | Path | mujoco.MjModel,
+    source: Source,
     targets: Sequence[ArrayLike],
     *,
     rate: float = 500.0,
@@ -76,7 +78,7 @@ def run_hardware(
     """Runs experiments on a robot with hidden effects and logs them.
 
     Args:
-        source: the robot's MJCF, or what was compiled of it.
+        source: the robot's MJCF, its spec, or what was compiled of it, which can have no mount.
         targets: one experiment each: where the joints should be, shape (T, n_joints), rad, one row
             for each sample and one column for each of the model's actuators, in their order.
         rate: samples a second; a row's target is sent at the row's time and held to the next.
@@ -135,6 +137,8 @@ def run_hardware(
             for j, (joint, kind) in enumerate(zip(drives.joints, drives.kinds, strict=True))
             for signal, values in zip((f"{kind}_target", *_LOGGED), (logged, *read), strict=True)
         }
+        if swing_of(hidden):
+            columns["voltage"] = log.voltage(len(command), swing_of(hidden), rng)
         if poses.size:
             columns |= base_readings(poses[: len(command), i], rng)
         time = np.arange(len(command)) / rate
@@ -144,11 +148,9 @@ def run_hardware(
     return recordings
 
 
-def _build(
-    source: str | Path | mujoco.MjModel, hidden: Sequence[HiddenEffect]
-) -> tuple[mujoco.MjModel, Drives]:
+def _build(source: Source, hidden: Sequence[HiddenEffect]) -> tuple[mujoco.MjModel, Drives]:
     """The bare rigid bodies and the drives, with what is hidden in either."""
-    model, drives = load_rig(source)
+    model, drives = load_rig(_on_its_mount(source, hidden))
     model.opt.disableflags |= _OFF
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     for law in (
@@ -177,6 +179,15 @@ def _build(
                 drives.hide(effect)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model, drives
+
+
+def _on_its_mount(source: Source, hidden: Sequence[HiddenEffect]) -> Source:
+    """The robot on a stand, where one is hidden that gives way."""
+    if not any(effect.effect == MOUNT for effect in hidden):
+        return source
+    if isinstance(source, mujoco.MjModel):
+        raise InputError(f"{MOUNT} cannot be put under a compiled model; give its file or its spec")
+    return mounted(spec_of(source))
 
 
 def _tilted(effect: HiddenEffect) -> Array:
@@ -252,6 +263,7 @@ def _run(
     stops = Stops(model, drives, hidden)
     troubles = Troubles(drives, hidden, step=step, n_steps=len(sent), seeds=seeds)
     transmission = Transmission(model, drives, hidden, step=step, n_sims=n_sims)
+    stand = Stand(model, hidden)
     soil = Soil(model, hidden, step=step, n_sims=n_sims)
     told = None
     if set(drives.kinds) != {"position"}:
@@ -294,6 +306,8 @@ def _run(
         if troubles.any:
             load += troubles.effort(k, q)
         applied[:, drives.dofs] = load
+        if stand.any:
+            applied[:, stand.dofs] += stand.effort(qpos, qvel)
         if soil.any:
             soil.push(batch)
         batch.step(stage=stage)

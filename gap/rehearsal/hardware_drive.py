@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -34,11 +35,30 @@ _STUCK = 0.05  # rad, of error that overcomes dry friction
 _ROW = 0.002  # s, from one command to the next
 
 
-def load_rig(source: str | Path | mujoco.MjModel) -> tuple[mujoco.MjModel, Drives]:
+Source: TypeAlias = str | Path | mujoco.MjSpec | mujoco.MjModel
+"""A robot: its MJCF, the spec of one, or what was compiled of that."""
+
+
+def spec_of(source: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
+    """The spec of a robot, which is not to be written to.
+
+    Raises:
+        InputError: the file does not load.
+    """
+    if isinstance(source, mujoco.MjSpec):
+        return source
+    try:
+        return mujoco.MjSpec.from_file(str(source))
+    except ValueError as error:
+        why = " ".join(str(error).split())
+        raise InputError(f"{source}: the model does not load: {why}. Mend the file") from error
+
+
+def load_rig(source: Source) -> tuple[mujoco.MjModel, Drives]:
     """The model of an MJCF file and the drives that its actuators stand for.
 
     Args:
-        source: the file, or what was compiled of one, which is left as it is.
+        source: the file, its spec, or what was compiled of one, which is left as it is.
 
     Returns:
         The model as it is, and its drives with nothing hidden.
@@ -48,6 +68,9 @@ def load_rig(source: str | Path | mujoco.MjModel) -> tuple[mujoco.MjModel, Drive
     """
     if isinstance(source, mujoco.MjModel):
         model = copy.copy(source)
+        return model, Drives(model)
+    if isinstance(source, mujoco.MjSpec):
+        model = source.copy().compile()
         return model, Drives(model)
     try:
         model = mujoco.MjModel.from_xml_path(str(source))

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from walkerkit.gap.rehearsal.hardware_drive import Array, Drives
-from walkerkit.gap.rehearsal.hardware_motor import waves
+from walkerkit.gap.rehearsal.hardware_motor import supply, waves
 from walkerkit.gap.rehearsal.hardware_signals import read
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 
@@ -26,6 +26,8 @@ VELOCITY_NOISE: Final = 0.01
 """Of the velocity, rad/s."""
 EFFORT_NOISE: Final = 0.02
 """Of the reported effort, N·m."""
+VOLTAGE_NOISE: Final = 0.02
+"""Of the supply's voltage, V."""
 
 
 class Log:
@@ -52,7 +54,7 @@ class Log:
             reads_first: a row's effort is that of the value before it.
         """
         self._late: Array = drives.sensor_delay / step
-        self._stride, self._start = stride, start
+        self._stride, self._start, self._step = stride, start, step
         self._effort_age = int(reads_first)
         self._errors = [waves(e, drives.joints) for e in hidden if e.effect == "kinematic_error"]
         fast = (1.0 + e.value("skew") for e in hidden if e.effect == "clock_skew")
@@ -83,6 +85,17 @@ class Log:
         late = at - np.round(self._late, 9)
         made = read(effort, at - self._effort_age + 0 * late)
         return np.stack([read(shown, late), read(slope * speed, late), made])
+
+    def voltage(self, count: int, swing: float, rng: np.random.Generator) -> Array:
+        """What the rows show of a supply that goes up and down, (count,) V.
+
+        Args:
+            count: number of rows.
+            swing: by which part of itself it does.
+            rng: source of the noise.
+        """
+        times = (self._instants(count)[:, 0] - self._start) * self._step
+        return supply(times, swing) + VOLTAGE_NOISE * rng.standard_normal(count)
 
     def base_rows(self, states: Array, *, count: int) -> Array:
         """What the rows show of the base, (n_values, n_sims, n) → (count, n_sims, n)."""

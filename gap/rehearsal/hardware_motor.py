@@ -4,20 +4,25 @@
     reported = motor.made(asked, speed)            # what the drive believes it delivers
     torque = motor.delivered(reported, angle)      # what its shaft gives, after the same call
 
-A motor runs out of voltage at speed and when its neighbours draw power, answers late and with a
-lag; that shows in the effort that its drive reports. Weak magnets, their cogging, the commutation's
-ripple and a bias do not.
+A motor runs out of voltage at speed and when its neighbours draw power, makes less of a lower
+supply, answers late and with a lag; that shows in the effort that its drive reports. Weak magnets,
+their cogging, the commutation's ripple and a bias do not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
 from walkerkit.gap.rehearsal.hardware_drive import Array, Drives, limited
 from walkerkit.gap.rehearsal.hidden import HiddenEffect, total
 
+SUPPLY: Final = 24.0
+"""Voltage of the supply for which the drives are made, V."""
+
+_CONSUMERS = (0.31, 0.83)  # Hz, at which others come and go
 _EMPTY = 1e-6  # of its limits, what a drained supply leaves
 
 
@@ -48,6 +53,8 @@ class Motor:
             if e.effect == "torque_speed_limit"
         ]
         self._sag = float(total(hidden, "supply_sag", "sag", names).max(initial=0.0))
+        self._swing = swing_of(hidden)
+        self._step = step
         memory = total(hidden, "actuator_lag", "time_constant", names) / step
         self._stay = np.exp(-1.0 / np.maximum(memory, 1e-9))
         self._lags = bool(memory.any())
@@ -69,11 +76,14 @@ class Motor:
             asked: what is asked for, shape (n_sims, n_joints), N·m.
             speed: of the motors, at the joints, shape as `asked`, rad/s.
         """
-        effort = asked
+        effort, full = asked, 1.0
+        if self._swing:
+            full = float(supply(self._warm * self._step, self._swing)) / SUPPLY
+            effort = effort * full
         for stall, free in self._lines:
             # The supply's voltage less what the motor induces drives the current.
             induced = speed / free
-            low, high = (np.clip(side - induced, -1.0, 1.0) * stall for side in (-1.0, 1.0))
+            low, high = (np.clip(s * full - induced, -full, full) * stall for s in (-1.0, 1.0))
             effort = limited(effort, low, high)
         if self._sag:
             power = np.abs(effort * speed).sum(axis=1, keepdims=True)
@@ -113,6 +123,23 @@ class Motor:
         self._past.pop(0)
         part = self._wait - whole
         return (1.0 - part) * self._past[-1 - whole] + part * self._past[-2 - whole]
+
+
+def swing_of(hidden: Sequence[HiddenEffect]) -> float:
+    """By which part of itself the supply's voltage goes up and down."""
+    return sum(e.value("swing") for e in hidden if e.effect == "supply_voltage")
+
+
+def supply(time: float | Array, swing: float) -> Array:
+    """Voltage of the supply, while other consumers come and go [V].
+
+    Args:
+        time: since the log's beginning [s].
+        swing: by which part of itself it goes up and down.
+    """
+    slow, fast = (np.sin(2 * np.pi * rate * np.asarray(time)) for rate in _CONSUMERS)
+    volts: Array = SUPPLY * (1.0 + swing * (0.6 * slow + 0.4 * fast))
+    return volts
 
 
 def waves(effect: HiddenEffect, names: Sequence[str]) -> tuple[Array, Array, Array]:

@@ -12,7 +12,6 @@ Sizes are what one meets on real robots; see `walkerkit.gap.rehearsal.hidden_siz
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 import mujoco
@@ -21,8 +20,10 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.rehearsal.hardware_drive import load_rig
+from walkerkit.gap.rehearsal.hardware_drive import Source, load_rig, spec_of
 from walkerkit.gap.rehearsal.hardware_log import COUNTS, EFFORT_NOISE, POSITION_NOISE
+from walkerkit.gap.rehearsal.hardware_mount import EFFECT as MOUNT
+from walkerkit.gap.rehearsal.hardware_mount import HINGES, can_be_mounted, mounted
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_sizes import ASKED, Usual, joint_sizes
 from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NAMELESS
@@ -40,6 +41,8 @@ _SERVOS: Final = (
     "velocity_filter",
 )
 _FELT: Final = 0.25  # least share of the greatest lever for a body worth loading
+_SHAKES: Final = (5.0, 12.0)  # Hz, of a robot on its mount
+_SHAKES_OUT: Final = (0.05, 0.2)  # of the critical damping
 _SKEW: Final = (0.0005, 0.0015)
 _SLIPPERY: Final = (0.25, 0.45)  # as of wet tiles
 _SINK: Final = (0.003, 0.01)  # m, of each of four feet that carry a robot
@@ -51,7 +54,7 @@ _NOISE = {
 
 
 def draw_hidden(
-    source: str | Path | mujoco.MjModel,
+    source: Source,
     rng: np.random.Generator,
     effects: Sequence[str] | None = None,
     *,
@@ -65,7 +68,7 @@ def draw_hidden(
     ground is drawn only by name.
 
     Args:
-        source: the robot's MJCF, or what was compiled of it.
+        source: the robot's MJCF, its spec, or what was compiled of it, which can have no mount.
         rng: source of the draw.
         effects: names to choose from, each as likely as the others; by default all of `HIDEABLE`
             that this robot can have.
@@ -97,13 +100,15 @@ def draw_hidden(
         and (name not in _ROTORS or rotors)
         and (name not in _SERVOS or servos)
         and (name != "supply_sag" or np.isfinite(drives.effort_range[1]).all())
+        and (name != MOUNT or _is_mounted(source))
     ]
     if not possible:
         raise InputError(
             f"of {', '.join(effects or ()) or 'no effects'} this robot can have none; name others. "
             f"{', '.join(ASKED)} need nominal=recordings of the robot with nothing hidden, "
             f"{' and '.join(_ROTORS)} joints with an armature, supply_sag drives with a limit, "
-            f"{', '.join(_SERVOS)} a robot of position servos"
+            f"{', '.join(_SERVOS)} a robot of position servos, "
+            f"{MOUNT} the file of a robot with one body on the world"
         )
     effect = possible[int(rng.integers(len(possible)))]
     usual = None if nominal is None else Usual.of(nominal, drives.joints)
@@ -112,6 +117,17 @@ def draw_hidden(
             size, direction = rng.uniform(0.05, 0.15), rng.uniform(-np.pi, np.pi)
             values = {"roll": size * np.cos(direction), "pitch": size * np.sin(direction)}
             return HiddenEffect(effect=effect, values=values)
+        case "mount_compliance" if not isinstance(source, mujoco.MjModel):
+            on_stand = mounted(spec_of(source))
+            inertia = max(on_stand.dof_M0[on_stand.joint(n).dofadr[0]] for n in HINGES)
+            rate = 2 * np.pi * rng.uniform(*_SHAKES)
+            return HiddenEffect(
+                effect=effect,
+                values={
+                    "stiffness": float(inertia) * rate**2,
+                    "damping_ratio": rng.uniform(*_SHAKES_OUT),
+                },
+            )
         case "clock_skew":
             return HiddenEffect(
                 effect=effect, values={"skew": rng.choice([-1.0, 1.0]) * rng.uniform(*_SKEW)}
@@ -141,6 +157,10 @@ def draw_hidden(
             for parameter, size in sizes.items()
         },
     )
+
+
+def _is_mounted(source: Source) -> bool:
+    return not isinstance(source, mujoco.MjModel) and can_be_mounted(spec_of(source))
 
 
 def loudness(

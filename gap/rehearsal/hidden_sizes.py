@@ -175,6 +175,8 @@ def joint_sizes(
                 "stiffness": share(0.017, 0.083) * kp,
                 "springref": lower + share(0.1, 0.9) * (upper - lower),
             }
+        case "supply_voltage":
+            return {"swing": share(0.1, 0.25)}
         case "strength_drift":
             return {"rate": share(0.01, 0.03)}
         case "actuator_lag":

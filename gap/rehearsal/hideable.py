@@ -124,6 +124,7 @@ HIDEABLE: Final[Mapping[str, Hideable]] = MappingProxyType(
             _above("velocity_limit", "rad/s", grows=-1),
         ),
         "supply_sag": _on_all_joints(_some("sag", "1/W")),
+        "supply_voltage": _on_all_joints(_some("swing", "")),
         "strength_drift": _on_joints(_any("rate", "1/s")),
         "actuator_lag": _on_joints(_some("time_constant", "s")),
         "loop_delay": _on_all_joints(_some("delay", "s")),
@@ -139,6 +140,13 @@ HIDEABLE: Final[Mapping[str, Hideable]] = MappingProxyType(
         "encoder_offset": _on_joints(_any("offset", "rad")),
         "encoder_gain": _on_joints(_any("excess", "")),
         "kinematic_error": _on_joints(*_wave("rad")),
+        "mount_compliance": Hideable(
+            on="world",
+            parameters=(
+                _above("stiffness", _TURN, grows=-1),
+                _some("damping_ratio", "", grows=0),
+            ),
+        ),
         "base_tilt": Hideable(on="world", parameters=(_any("roll", "rad"), _any("pitch", "rad"))),
     }
 )
@@ -148,9 +156,10 @@ What their numbers are where the name does not say: `delta_kp` and `delta_kd` ar
 drive's gains, `alpha` is the torque constant's relative error, `forcerange` the drive's limit to
 both sides, `offset` and `excess` what the encoder reads too much and too steeply, `roll` and
 `pitch` the base's rotation about the world's x, then y; `bend` is how far bristles bend before they
-slide, `width` of the backlash how far the rotor turns from one flank of the teeth to the other and
-of the controller's deadband the largest error that is left alone, `lower` and `upper` are the poses
-where stops begin; a wave is A sin(N q + φ).
+slide, `swing` by which part of itself the supply's voltage goes up and down, `width` of the
+backlash how far the rotor turns from one flank of the teeth to the other and of the controller's
+deadband the largest error that is left alone, `lower` and `upper` are the poses where stops begin;
+a wave is A sin(N q + φ).
 """
 
 GROUND: Final[Mapping[str, Hideable]] = MappingProxyType(

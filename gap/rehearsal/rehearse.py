@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
-from walkerkit.gap.rehearsal.hardware_drive import Drives
+from walkerkit.gap.rehearsal.hardware_drive import Drives, Source
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, loudness
 from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NOT_THE_ROBOTS
@@ -113,13 +113,13 @@ def rehearse(
         hidden, recordings = [], nominal
         for choice in choices:
             effect, recordings = draw_loud(
-                robot.model, sent, rng, choice, nominal=nominal, seed=seed, substeps=substeps
+                robot.spec, sent, rng, choice, nominal=nominal, seed=seed, substeps=substeps
             )
             hidden.append(effect)
         if len(hidden) > 1:
             try:
                 recordings = run_hardware(
-                    robot.model,
+                    robot.spec,
                     sent,
                     seed=seed,
                     hidden=hidden,
@@ -181,7 +181,7 @@ def _check_hideable(names: Sequence[str]) -> None:
 
 
 def draw_loud(
-    model: str | Path | mujoco.MjModel,
+    model: Source,
     targets: Sequence[FloatArray],
     rng: np.random.Generator,
     effects: Sequence[str] | None = None,
@@ -199,7 +199,7 @@ def draw_loud(
     robot unstable weaker, and what stays too weak or too strong is drawn again.
 
     Args:
-        model: MJCF file of a robot with plain servos or motors, or what was compiled of one.
+        model: MJCF file of a robot with plain servos or motors, its spec, or what was compiled.
         targets: the experiments, as for `run_hardware`.
         rng: source of the draw.
         effects: names to choose from, as for `draw_hidden`.

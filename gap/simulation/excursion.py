@@ -34,6 +34,7 @@ def excursions(
         Joint to its excursion.
     """
     found = {}
+    voltage = _voltage(recordings)
     # Most effects have none, so they are looked for when one asks.
     every = functools.cache(lambda: waves(robot, recordings, joints))
 
@@ -65,9 +66,20 @@ def excursions(
             acceleration=_peak(acceleration),
             effort=max(measured or guessed),
             duration=max(float(np.ptp(r.whole.time)) for r in logs),
+            voltage=voltage,
             prominent=functools.partial(prominent, joint),
         )
     return found
+
+
+def _voltage(recordings: Sequence[Recording]) -> tuple[float, float, float] | None:
+    """Median, lowest and highest voltage of the supply, single samples aside [V]."""
+    logged = [r.columns["voltage"] for r in recordings if "voltage" in r.columns]
+    if not logged:
+        return None
+    values = np.concatenate(logged)
+    low, middle, high = np.nanpercentile(values, (100 - _PEAK, 50, _PEAK))
+    return float(middle), float(low), float(high)
 
 
 def _peak(values: FloatArray) -> float:

@@ -56,7 +56,7 @@ _COPIED = (
     *("actfrcrange", "armature", "frictionloss", "solref_friction", "solimp_friction"),
     *("group", "actgravcomp"),
 )
-_PLAIN: Mapping[str, Any] = MappingProxyType(
+PLAIN: Mapping[str, Any] = MappingProxyType(
     {
         "ref": 0.0,
         "springref": 0.0,
@@ -67,6 +67,7 @@ _PLAIN: Mapping[str, Any] = MappingProxyType(
         "actfrclimited": False,
     }
 )
+"""What a joint has of its own that nothing drives and nothing rubs."""
 
 
 def with_play(robot: Robot, joints: Sequence[str]) -> Robot:
@@ -93,8 +94,8 @@ def with_play(robot: Robot, joints: Sequence[str]) -> Robot:
             element.armature = _PLACEHOLDER * float(robot.model.dof_M0[joint.dof])
         _insert(spec, element)
         for key in spec.keys:
-            key.qpos = _with_zero(key.qpos, joint.qpos + 1)
-            key.qvel = _with_zero(key.qvel, joint.dof + 1)
+            key.qpos = with_zero(key.qpos, joint.qpos + 1)
+            key.qvel = with_zero(key.qvel, joint.dof + 1)
     model = spec.compile()
     found = scalar_joints(model)
     return replace(
@@ -111,7 +112,7 @@ def with_play(robot: Robot, joints: Sequence[str]) -> Robot:
     )
 
 
-def _with_zero(values: Any, at: int) -> list[float]:
+def with_zero(values: Any, at: int) -> list[float]:
     """Values of a keyframe with one more; a keyframe that has none keeps none."""
     kept = [float(value) for value in values]
     return [*kept[:at], 0.0, *kept[at:]] if kept else kept
@@ -125,12 +126,12 @@ def _insert(spec: mujoco.MjSpec, motor: Any) -> None:
     # next what it is, and the first becomes the play. Whatever refers to a joint does so by name.
     chain = [*following, motor.parent.add_joint()]
     for source, target in reversed([*pairwise(chain)]):
-        _become(source, target)
+        become(source, target)
         passed, source.name = source.name, ""
         target.name = passed
     play = chain[0]
-    _become(motor, play)
-    for key, value in _PLAIN.items():
+    become(motor, play)
+    for key, value in PLAIN.items():
         setattr(play, key, value)
     for key in ("stiffness", "damping", "springdamper", "actfrcrange"):
         getattr(play, key)[:] = 0
@@ -155,7 +156,8 @@ def _hardly_tilted(axis: FloatArray) -> FloatArray:
     return tilted
 
 
-def _become(source: Any, target: Any) -> None:
+def become(source: Any, target: Any) -> None:
+    """Makes a joint of a spec what another one is, but for its name."""
     for key in _COPIED:
         value = getattr(source, key)
         setattr(target, key, value.copy() if isinstance(value, np.ndarray) else value)

@@ -15,6 +15,7 @@ from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
 from walkerkit.gap.simulation.floating import FloatingBase
 from walkerkit.gap.simulation.interpolate import delayed, made_delay
+from walkerkit.gap.simulation.mount import resting
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.start import memory, rest
 from walkerkit.gap.simulation.trials import Trials
@@ -53,7 +54,7 @@ class Group:
         ctrl: (n_segments, past + steps + past + 1, nu) commands, from `past` steps before it.
         applied: feed-forward effort, shape (…, nv) [N·m].
         drives: address in ctrl to the joint and its drive.
-        played: joints with a play that nothing measures.
+        played: joints with a play that nothing measures, and those of a mount.
         starts: where there are such, positions, velocities and accelerations at the starts.
     """
 
@@ -95,7 +96,8 @@ class Group:
                 self._fill(s, segment, route, segment.start + offsets)
         joints = [robot.joints[name] for name in self.joints]
         # A play that is measured itself starts as measured.
-        self.played = [j for j in joints if j.play is not None and j.play.name not in self.joints]
+        parted = [*(joint for joint in joints if joint.play is not None), *resting(robot)]
+        self.played = [j for j in parted if j.play is not None and j.play.name not in self.joints]
         self.starts = self._measured_states() if self.played else ()
 
     def _measured_states(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -129,6 +131,24 @@ class Group:
         for name in self.joints:
             applied[..., self.robot.joints[name].dof] /= trials.effort_scale[name][:, None, None]
         return applied
+
+    def voltage(self, lead: FloatArray, steps: int) -> FloatArray:
+        """Voltage of the supply, (n · n_segments, steps, 1) [V]; NaN where it was not logged.
+
+        Args:
+            lead: (n, n_segments) by which the simulation begins before a segment [s].
+            steps: that it takes.
+        """
+        clock = self.robot.model.opt.timestep * np.arange(steps)
+        found = np.full((*lead.shape, steps), np.nan)
+        for s, segment in enumerate(self.segments):
+            whole = segment.recording.whole
+            logged = whole.columns.get("voltage")
+            if logged is not None:
+                known = np.isfinite(logged)
+                at = segment.start - lead[:, s, None] + clock
+                found[:, s] = np.interp(at, whole.time[known], logged[known])
+        return found.reshape(-1, steps, 1)
 
     def jumps(
         self, joint: Joint, ctrl: FloatArray, applied: FloatArray | None, fields: ModelFields

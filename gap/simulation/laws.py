@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw, LawBank, Step
+from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw, LawBank, Step, SupplyVoltage
 from walkerkit.gap.simulation.drive_forces import DRIVE_FIELDS, DriveForces
 from walkerkit.gap.simulation.robot import Joint
 from walkerkit.gap.simulation.trials import Trials
@@ -79,6 +79,11 @@ class Laws:
         ]
         self.of_targets = [(law, p) for law, p in each if law.targets_only]
         self.stepwise = [(law, p) for law, p in each if not law.targets_only]
+
+    @property
+    def of_supply(self) -> bool:
+        """Whether one of them reads the voltage of the supply."""
+        return any(law is SupplyVoltage for law, _ in self.stepwise)
 
     def joins(self, other: Laws) -> bool:
         """Whether these laws and others can be run as one."""

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from walkerkit.actuators.drivetrain import LoadSideFeedback
 from walkerkit.gap.simulation.gear_play import set_play, with_play
-from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.mount import mounts, set_mount, with_mount
+from walkerkit.gap.simulation.robot import Joint, Play, Robot
 from walkerkit.gap.simulation.trials import Trials, model_field
 
 _TIMESTEP, _INTEGRATOR = "opt.timestep", "opt.integrator"
@@ -34,11 +35,13 @@ class Rebuild:
 
     Attributes:
         play: joints that get play, in order.
+        mount: whether what carries the robot gives way.
         parts: steps that it makes in place of one.
         other_integrator: explicit integration exchanged for implicit, or the other way round.
     """
 
     play: tuple[str, ...] = ()
+    mount: bool = False
     parts: int = 1
     other_integrator: bool = False
 
@@ -53,6 +56,7 @@ def rebuilds(trials: Trials) -> list[tuple[Rebuild, NDArray[np.intp]]]:
     rows: dict[Rebuild, list[int]] = {}
     given = {joint: trials.play(joint) for joint in sorted({joint for joint, _ in trials.plays})}
     plays = {joint: (play["width"] > 0) | (play["compliance"] > 0) for joint, play in given.items()}
+    soft = trials.mounts.get("compliance", np.zeros(trials.n)) > 0
     option = trials.robot.model.opt
     steps = trials.fields.get(_TIMESTEP, trials.own(_TIMESTEP))
     others = trials.fields.get(_INTEGRATOR, trials.own(_INTEGRATOR)) != option.integrator
@@ -65,6 +69,7 @@ def rebuilds(trials: Trials) -> list[tuple[Rebuild, NDArray[np.intp]]]:
         own = tuple(joint for joint, some in plays.items() if some[row])
         rebuild = Rebuild(
             play=anywhere if own and slow[row] else own,
+            mount=bool(soft[row]),
             parts=round(option.timestep / float(steps[row])),
             other_integrator=bool(others[row]),
         )
@@ -91,8 +96,11 @@ class Rebuilt:
     def __init__(self, rebuild: Rebuild, robot: Robot):
         if rebuild.parts > 1 or rebuild.other_integrator:
             robot = robot.refined(rebuild.parts, other_integrator=rebuild.other_integrator)
+        if rebuild.mount:
+            robot = with_mount(robot)
         self.robot = with_play(robot, rebuild.play) if rebuild.play else robot
         self._played = rebuild.play
+        self._mounted = mounts(self.robot) if rebuild.mount else ()
 
     def trials(self, trials: Trials) -> Trials:
         """The variants on the rebuilt robot.
@@ -103,6 +111,8 @@ class Rebuilt:
         moved = trials.on(self.robot, self._carried)
         for name in (_TIMESTEP, _INTEGRATOR):
             moved.fields.pop(name, None)
+        if self._mounted:
+            set_mount(moved, trials.mount())
         armature = trials.fields.get("dof_armature", trials.own("dof_armature"))
         for joint in self._played:
             play = trials.play(joint)
@@ -125,8 +135,9 @@ class Rebuilt:
     def _added(self, name: str) -> list[int]:
         """Rows of a field that the given robot does not have."""
         plays = [self.robot.joints[joint].play for joint in self._played]
+        added: list[Joint | Play] = [*self._mounted, *(play for play in plays if play)]
         if name.startswith("dof_"):
-            return [play.dof for play in plays if play]
+            return [one.dof for one in added]
         if name.startswith("jnt_"):
-            return [play.id for play in plays if play]
-        return [play.qpos for play in plays if play]
+            return [one.id for one in added]
+        return [one.qpos for one in added]

@@ -259,6 +259,7 @@ class Replay:
             laws=laws if stepwise else None,
             time=clock,
             ahead=ahead if stepwise else None,
+            voltage=group.voltage(lead, steps) if laws is not None and laws.of_supply else None,
         )
         if group.base is not None:
             raised = group.base.settle(asked.batch(), asked.state, asked.ctrl[:, 0], each)

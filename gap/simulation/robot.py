@@ -113,6 +113,7 @@ class Excursion:
         acceleration: peak acceleration [rad/s²].
         effort: peak effort, as measured, else as commanded or as the servo would make it [N·m].
         duration: of the longest recording [s].
+        voltage: of the supply, its median, lowest and highest [V]; None where it was not logged.
         prominent: finds the most prominent waves of its unexplained effort over its positions.
     """
 
@@ -122,6 +123,7 @@ class Excursion:
     acceleration: float = 10.0
     effort: float = 1.0
     duration: float = 10.0
+    voltage: tuple[float, float, float] | None = None
     prominent: Callable[[], tuple[Wave, ...]] = tuple
 
     @property

@@ -31,6 +31,7 @@ def rollout_with_laws(
     record: Sequence[str],
     time: FloatArray,
     ahead: FloatArray | None = None,
+    voltage: FloatArray | None = None,
     past: Past | None = None,
     lengths: NDArray[np.intp] | None = None,
 ) -> tuple[Rollout, FloatArray | None]:
@@ -46,6 +47,8 @@ def rollout_with_laws(
         time: (n_sims,) of the first step, by the robot's clock [s].
         ahead: (n_sims, n_steps, n_joints) what targets are at the steps' beginnings over what
             `ctrl` says; None where they are the same.
+        voltage: (n_sims, n_steps, 1) of the supply, NaN where it is not known [V]; None where it
+            never is.
         past: what the laws saw before it; None for nothing.
         lengths: (n_sims,) the steps that count of each; None for all.
 
@@ -103,12 +106,13 @@ def rollout_with_laws(
     # A variant that is about to diverge is not worth a warning.
     with np.errstate(all="ignore"):
         if past is not None:
-            loop.begin(past.ctrl, time - laws.dt * past.ctrl.shape[1])
+            before_it = None if voltage is None else voltage[:, :1]
+            loop.begin(past.ctrl, time - laws.dt * past.ctrl.shape[1], voltage=before_it)
             for k in range(past.ctrl.shape[1]):
                 loop.warm(k, past.q[:, k], past.qd[:, k])
             if past.integral is not None:
                 bank.remember(IntegralAction, {"effort": past.integral})
-        loop.begin(ctrl, time, ahead)
+        loop.begin(ctrl, time, ahead, voltage)
         rollout = batch.step_by_step(state, n_steps, before, record=record, lengths=lengths)
     return rollout, None if changed is None else changed.swapaxes(0, 1)
 
@@ -152,10 +156,17 @@ class _Loop:
         self._times = self.step.time
         self._controls = self._targets = self._asked = self._zeros = self.step.effort
         self._ahead: FloatArray | None = None
+        self._voltage: FloatArray | None = None
 
-    def begin(self, ctrl: FloatArray, time: FloatArray, ahead: FloatArray | None = None) -> None:
+    def begin(
+        self,
+        ctrl: FloatArray,
+        time: FloatArray,
+        ahead: FloatArray | None = None,
+        voltage: FloatArray | None = None,
+    ) -> None:
         """Takes up the controls of the steps that follow, (n_sims, n_steps, nu), from a time on."""
-        self._ahead = ahead
+        self._ahead, self._voltage = ahead, voltage
         steps = np.arange(ctrl.shape[1])
         self._times = time[:, None] + (steps * self.step.dt)[:, None, None]
         self._controls = np.ascontiguousarray(ctrl[..., self._forces.ctrl].swapaxes(0, 1))
@@ -181,6 +192,8 @@ class _Loop:
         step, forces = self.step, self._forces
         step.time = self._times[k]
         step.q, step.qd = q, qd
+        if self._voltage is not None:
+            step.voltage = self._voltage[:, min(k, self._voltage.shape[1] - 1)]
         step.target, asked = self._targets[k], self._asked[k]
         step.target_ahead = self._zeros if self._ahead is None else self._ahead[:, k]
         if self._controlling:

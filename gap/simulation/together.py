@@ -52,7 +52,7 @@ class Asked:
         n_threads: threads of the simulation, or processes where there are laws, 0 for all cores.
         laws: laws that are run step by step, or None.
         time: (n_sims,) of the first step, by the robot's clock [s].
-        ahead: as `rollout_with_laws` takes it.
+        ahead, voltage: as `rollout_with_laws` takes them.
         past: what the laws saw before, or None.
         lengths: (n_sims,) the steps that count of each, or None where all do.
     """
@@ -67,6 +67,7 @@ class Asked:
     laws: Laws | None
     time: FloatArray
     ahead: FloatArray | None = None
+    voltage: FloatArray | None = None
     past: Past | None = None
     lengths: NDArray[np.intp] | None = None
 
@@ -114,6 +115,7 @@ class Asked:
             laws=None if self.laws is None else self.laws.some(rows),
             time=self.time[rows],
             ahead=None if self.ahead is None else self.ahead[rows],
+            voltage=None if self.voltage is None else self.voltage[rows],
             past=None if self.past is None else self.past.some(rows),
             lengths=None if self.lengths is None else self.lengths[rows],
         )
@@ -138,6 +140,7 @@ class Asked:
             record=self.record,
             time=self.time,
             ahead=self.ahead,
+            voltage=self.voltage,
             past=self.past,
             lengths=self.lengths,
         )
@@ -331,6 +334,7 @@ def _joined(members: Sequence[Asked]) -> Asked:
         else None,
         time=np.concatenate([one.time for one in members]),
         ahead=_or_nothing([one.ahead for one in members], members),
+        voltage=_or_nothing([one.voltage for one in members], members, np.nan),
         past=Past.joined([one.past for one in members if one.past is not None])
         if first.past is not None
         else None,
@@ -338,14 +342,16 @@ def _joined(members: Sequence[Asked]) -> Asked:
     )
 
 
-def _or_nothing(parts: Sequence[FloatArray | None], members: Sequence[Asked]) -> FloatArray | None:
-    """Arrays (n_sims, n_steps, size) one after the other, zeros for those that are None."""
+def _or_nothing(
+    parts: Sequence[FloatArray | None], members: Sequence[Asked], nothing: float = 0.0
+) -> FloatArray | None:
+    """Arrays (n_sims, n_steps, size) one after the other, `nothing` for those that are None."""
     size = next((part.shape[2] for part in parts if part is not None), None)
     if size is None:
         return None
     return _padded(
         [
-            np.zeros((one.n_sims, one.n_steps, size)) if part is None else part
+            np.full((one.n_sims, one.n_steps, size), nothing) if part is None else part
             for part, one in zip(parts, members, strict=True)
         ]
     )

@@ -24,6 +24,7 @@ from walkerkit.gap.simulation.robot import Robot
 FloatArray = NDArray[np.float64]
 
 _PLAY = ("width", "compliance", "damping_ratio", "armature")
+_MOUNT = ("compliance", "damping_ratio")
 
 
 class Trials:
@@ -50,6 +51,7 @@ class Trials:
         fields: model field to its (n, *shape) values, of the fields that were asked for.
         laws: drivetrain law, joint and parameter to its (n,) values, of the laws asked for.
         plays: joint and number to its (n,) values, of the joints whose play was asked for.
+        mounts: number to its (n,) values, where the mount was asked for.
     """
 
     def __init__(self, robot: Robot, n: int):
@@ -76,6 +78,7 @@ class Trials:
             for name, value in parameters.items()
         }
         self.plays: dict[tuple[str, str], FloatArray] = {}
+        self.mounts: dict[str, FloatArray] = {}
 
     def field(self, name: str) -> NDArray[Any]:
         """The (n, *shape) values of a model field, or of an `opt.` field, to write to."""
@@ -105,6 +108,16 @@ class Trials:
             if (joint, name) not in self.plays:
                 self.plays[joint, name] = np.zeros(self.n)
         return {name: self.plays[joint, name] for name in _PLAY}
+
+    def mount(self) -> dict[str, FloatArray]:
+        """What the robot is mounted on, (n,) values each, stiff at first, to write to.
+
+        `compliance` [rad/(N·m)], and `damping_ratio` of what it carries [1].
+        """
+        for name in _MOUNT:
+            if name not in self.mounts:
+                self.mounts[name] = np.zeros(self.n)
+        return self.mounts
 
     @property
     def with_laws(self) -> NDArray[np.bool_]:
@@ -142,6 +155,7 @@ class Trials:
             theirs.update({name: values.copy() for name, values in mine.items()})
         there.fields.update({name: carried(name, own) for name, own in self.fields.items()})
         there.plays.clear()
+        there.mounts.clear()
         return there
 
     @classmethod
@@ -157,6 +171,9 @@ class Trials:
         for joint in dict.fromkeys(joint for block in blocks for joint, _ in block.plays):
             for block in blocks:
                 block.play(joint)
+        if any(block.mounts for block in blocks):
+            for block in blocks:
+                block.mount()
         for k, columns in enumerate(whole._columns()):
             parts = [block._columns()[k] for block in blocks]
             columns.update({name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
@@ -176,6 +193,7 @@ class Trials:
             self.fields,
             self.laws,
             self.plays,
+            self.mounts,
         )
 
 

@@ -1,9 +1,11 @@
 from collections import Counter
 
+import mujoco
 import numpy as np
 import pytest
 
-from benchmarks.hidden.cases import SIGNALS, TIERS, cases
+from benchmarks.hidden.cases import CLUTTER, SIGNALS, TIERS, cases
+from benchmarks.hidden.clutter import GAINS, LITTLE, LOSSES, MASSES, clutter
 from benchmarks.hidden.rigs import (
     EXPERIMENTS,
     HEAVIER,
@@ -71,6 +73,42 @@ def test_nothing_is_hidden_in_every_way():
     assert not any(case.hide for case in some)
     assert {case.off for case in some} == {"", "substeps", "timestep", "integrator", "nuisance"}
     assert {case.channels for case in some} == set(SIGNALS)
+
+
+class TestCluttered:
+    def test_hide_what_is_not_ordinary_on_robots_of_every_size(self):
+        some = cases("cluttered")
+        assert {case.rig for case in some} == {"pendulum", "leg", "hung_quadruped"}
+        assert {case.hide[0] for case in some} == set(HIDEABLE) - set(CLUTTER)
+        assert {case.off for case in some} == {"clutter"}
+
+    def test_are_off_everywhere_by_no_more_than_they_may(self, tmp_path):
+        spec = mujoco.MjSpec.from_file(str(write_rig("leg", tmp_path)))
+        for joint, loss in zip(spec.joints, (0.2, 0.3, 0.0), strict=True):
+            joint.frictionloss = loss
+        path = tmp_path / "rubs.xml"
+        path.write_text(spec.to_xml(), encoding="utf-8")
+        real, beside = clutter(path, tmp_path, np.random.default_rng(3), rate=500.0)
+        (machine, drives), (model, meant) = load_rig(real), load_rig(path)
+        dofs = meant.dofs
+        for field, most in (
+            (machine.dof_armature[dofs] / model.dof_armature[dofs], LOSSES),
+            (machine.dof_damping[dofs] / model.dof_damping[dofs], LOSSES),
+            (drives.gain / meant.gain, GAINS),
+            (drives.bias[2] / meant.bias[2], GAINS),
+            (machine.body_mass[1:] / model.body_mass[1:], MASSES),
+        ):
+            assert 0 < np.abs(field - 1).max() <= most + 1e-6
+            assert len(set(field)) == len(field)
+        np.testing.assert_allclose(drives.gain, -drives.bias[1])
+        # Its dry friction is that of bristles alone.
+        assert not machine.dof_frictionloss.any()
+        late, bristles = beside
+        assert late.value("delay") == 1 / 500
+        losses = [bristles.value("frictionloss", joint) for joint in meant.joints]
+        off = np.array(losses[:2]) / [0.2, 0.3]
+        assert 0 < np.abs(off - 1).max() <= LOSSES
+        assert LITTLE[0] <= losses[2] / meant.effort_range[1, 2] <= LITTLE[1]
 
 
 class TestRigs:

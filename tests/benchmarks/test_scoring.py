@@ -181,3 +181,35 @@ class TestTable:
     def test_a_line_says_how_it_went(self, told, mark):
         assert f" {mark} " in line(told)
         assert "\n" not in line(dataclasses.replace(told, error="KeyError: 'x'"))
+
+
+class TestCluttered:
+    TRUTH = (hidden("base_tilt", places=("calf", "hip")),)
+
+    def of(self, *said):
+        return outcome(self.TRUTH, said, tier="cluttered", off="clutter")
+
+    def test_what_is_ordinary_comes_before_nothing_and_is_no_wrong_name(self):
+        told = self.of(named("armature"), named("base_tilt", places=("calf", "hip")))
+        assert scoring.rare_first(told)
+        assert scoring.rare_place(told)
+        assert not scoring.rare_and_wrong(told)
+        assert scoring.stated([told]) == [True]
+        assert "right" in line(told)
+
+    def test_bristles_are_its_clutter_too(self):
+        assert scoring.rare_first(self.of(named("presliding_friction"), named("base_tilt")))
+
+    def test_another_rare_name_is_wrong_wherever_it_stands(self):
+        first = self.of(named("cogging"), named("base_tilt"))
+        second = self.of(named("base_tilt"), named("cogging"))
+        assert not scoring.rare_first(first)
+        assert scoring.rare_first(second)
+        assert scoring.rare_and_wrong(first)
+        assert scoring.rare_and_wrong(second)
+        assert "WRONG" in line(second)
+
+    def test_an_ordinary_name_that_is_equivalent_to_the_hidden_one_is_no_clutter(self):
+        truth = hidden("sensor_delay", alike=("command_delay",))
+        said = named("command_delay", alike=("sensor_delay",))
+        assert scoring.rare_first(outcome([truth], [said], tier="cluttered", off="clutter"))

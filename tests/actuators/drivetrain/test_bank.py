@@ -25,6 +25,7 @@ PARAMETERS = {
     "cogging": {"amplitude": 0.3, "periods": 21.0, "phase": -1.0},
     "strength_drift": {"rate": 0.4},
     "supply_sag": {"sag": 0.2},
+    "supply_voltage": {"share": 0.8, "nominal": 12.0},
     "quadratic_drag": {"drag": 0.07},
     "command_delay": {"delay": 0.0042},
     "loop_delay": {"delay": 0.0025},
@@ -42,7 +43,7 @@ WRITTEN = ("target", "effort", "extra", "friction", "target_ahead", "effort_ahea
 
 def motion(n_sims, n_steps=60):
     rng = np.random.default_rng(9)
-    names = ("q", "qd", "target", "effort", "play", "play_speed", "held")
+    names = ("q", "qd", "target", "effort", "play", "play_speed", "held", "voltage")
     return {
         name: np.cumsum(0.3 * rng.normal(size=(n_steps, n_sims, JOINTS)), axis=0) for name in names
     }

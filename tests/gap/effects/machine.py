@@ -46,9 +46,11 @@ CHANNELS = tuple(Channel(joint=joint, signal=signal) for signal in SIGNALS for j
 NOISE = {"position": 1e-4, "effort": 0.01, "base_position": 2e-5, "base_orientation": 2e-5}
 
 
-def robot_of(variant):
+def robot_of(variant, voltage=None):
     robot = robot_from_spec(mujoco.MjSpec.from_string(LEG.format(**variant)), "leg.xml")
-    recording = Machine(robot).log()
+    machine = Machine(robot)
+    machine.voltage = voltage
+    recording = machine.log()
     return replace(robot, excursions=excursions(robot, [recording], JOINTS)), recording
 
 
@@ -109,6 +111,7 @@ class Machine:
         effort_factor: logged over true effort.
         shown: what the log shows of the joints' positions, of (..., 2) what the drives see.
         clock: seconds of the log's clock per second, from the log's beginning.
+        voltage: of the supply at a time of the log, which then has a column of it.
     """
 
     def __init__(self, robot):
@@ -121,6 +124,7 @@ class Machine:
         self.applied, self.offset, self.effort_factor = np.zeros(2), np.zeros(2), np.ones(2)
         self.shown: Callable[[np.ndarray], np.ndarray] = np.array
         self.clock = 1.0
+        self.voltage: Callable[[np.ndarray], np.ndarray] | None = None
 
     def log(self, seconds=4.0, seed=None):
         model = self.model
@@ -182,6 +186,8 @@ class Machine:
             columns[f"{joint}/position"] = position[:, k]
             columns[f"{joint}/effort"] = effort[:, k]
             columns[f"{joint}/position_target"] = targets[:, k]
+        if self.voltage is not None:
+            columns["voltage"] = self.voltage(time)
         if self.robot.base is not None:
             first = self.robot.base.qpos
             pose = np.array(poses[settle:])[:, first : first + 7]

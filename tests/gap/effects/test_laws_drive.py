@@ -1,10 +1,14 @@
 """The drive: what becomes of the effort that its control law asks for."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from tests.gap.effects.contract import EffectContract
-from tests.gap.effects.machine import STEP
-from walkerkit.gap.effects import EVERYWHERE
+from tests.gap.effects.machine import AWKWARD, JOINTS, PLAIN, STEP, robot_of
+from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.simulation.excursion import excursions
 
 HIP, KNEE = 0, 1
 KP = np.array([60.0, 30.0])
@@ -77,6 +81,47 @@ class TestLoopDelay(EffectContract):
 
         machine.drive = late
         return {EVERYWHERE: [2.5 * STEP]}
+
+
+def battery(time):
+    """Volts of a supply of 12 V on which other things hang, too."""
+    return 12.0 + 2.2 * np.sin(4.1 * np.asarray(time))
+
+
+class TestSupplyVoltage(EffectContract):
+    name = "supply_voltage"
+    seconds = 2.0
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def plain(cls):
+        return robot_of(PLAIN, battery)
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def awkward(cls):
+        return robot_of(AWKWARD, battery)
+
+    def plant(self, machine):
+        machine.voltage = battery
+        usual = float(np.median(battery(STEP * np.arange(round(self.seconds / STEP)))))
+
+        def weaker(now):
+            now.effort *= battery(now.time) / usual
+
+        machine.drive = weaker
+        return {EVERYWHERE: [1.0]}
+
+    def test_acts_only_where_the_voltage_was_logged_and_varied(self, plain):
+        robot, recording = plain
+        effect = CATALOGUE[self.name]
+        assert effect.sites(robot, JOINTS) == JOINTS
+        steady = {**recording.columns, "voltage": np.full(len(recording.time), 12.0)}
+        silent = {name: v for name, v in steady.items() if name != "voltage"}
+        for columns in (steady, silent):
+            log = replace(recording, columns=columns)
+            moved = replace(robot, excursions=excursions(robot, [log], JOINTS))
+            assert effect.sites(moved, JOINTS) == ()
 
 
 class TestSupplySag(EffectContract):

@@ -108,8 +108,9 @@ def test_what_nothing_reads_is_listed_as_unused() -> None:
     current = log("other", knee__current=np.arange(40), voltage=24.0)
     (found,) = without_placeholders([Experiment(model="a.xml", recordings=(log(), current))])
     assert found.recordings[0].unused == ()
-    assert found.recordings[1].unused == ("knee/current", "voltage")
-    assert list(found.recordings[1].columns) == list(log().columns)
+    assert found.recordings[1].unused == ("knee/current",)
+    # The supply's voltage is read.
+    assert list(found.recordings[1].columns) == [*log().columns, "voltage"]
 
 
 @pytest.mark.parametrize(

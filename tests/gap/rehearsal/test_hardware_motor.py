@@ -6,7 +6,7 @@ import pytest
 
 from walkerkit.gap.rehearsal.hardware_controller import Controller
 from walkerkit.gap.rehearsal.hardware_drive import Drives
-from walkerkit.gap.rehearsal.hardware_motor import Motor
+from walkerkit.gap.rehearsal.hardware_motor import SUPPLY, Motor, supply
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 
 STEP = 1e-3
@@ -66,6 +66,21 @@ class TestMotor:
         np.testing.assert_allclose(sagging.made(asked, np.array([[0.0, 0.0]])), asked)
         # 10 N·m at 20 rad/s are 200 W, which take 40 % of 120 N·m.
         np.testing.assert_allclose(sagging.made(asked, np.array([[0.0, 20.0]])), [[72.0, 10.0]])
+
+    def test_makes_less_of_a_lower_supply_and_is_slower(self):
+        effects = [
+            hide("supply_voltage", swing=0.2),
+            hide("torque_speed_limit", saturation_effort=100.0, velocity_limit=50.0),
+        ]
+        made = {}
+        for asked, speed in ((50.0, 0.0), (200.0, 0.0), (200.0, 10.0)):
+            low = motor(*effects)
+            made[asked, speed] = [low.made(both(asked), both(speed))[0, 0] for _ in range(3000)]
+        part = supply(STEP * np.arange(3000), 0.2) / SUPPLY
+        assert part.min() < 0.85
+        np.testing.assert_allclose(made[50.0, 0.0], 50 * part)
+        np.testing.assert_allclose(made[200.0, 0.0], 100 * part)
+        np.testing.assert_allclose(made[200.0, 10.0], 100 * part - 20)
 
     def test_lags(self):
         lagging = motor(hide("actuator_lag", time_constant=0.02))

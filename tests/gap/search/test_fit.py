@@ -101,8 +101,8 @@ def sized(robot, *recordings):
     return replace(robot, excursions=excursions(robot, recordings, list(robot.joints)))
 
 
-# A ground to stand on, or drives that all have a limit.
-NEED_MORE = {"ground_compliance", "ground_friction", "supply_sag"}
+# A ground to stand on, drives that all have a limit, or a voltage in the log.
+NEED_MORE = {"ground_compliance", "ground_friction", "supply_sag", "supply_voltage"}
 
 
 class TestStructure:

@@ -1,0 +1,109 @@
+"""The best model of a real log that is known beforehand, on which errors are planted.
+
+    best = best_model("go2_leg", folder)       # fitted once, then read from the folder
+    best.experiments                           # models and recordings, with their split
+
+It is what `gap.fit` makes of the plain structure (`rivals.plain`), with what the log is known to
+show beside that. What of it is on disk stays as it is, whichever code comes later: delete the
+log's folder to have it made anew.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import subprocess
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from benchmarks.rivals.logs import LOGS
+from benchmarks.rivals.plain import MORE, plain
+from walkerkit import gap
+from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.simulation.mend import write_model
+from walkerkit.gap.simulation.sidecar import FILE, sidecar
+
+_TOLD = "best.json"
+_REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Best:
+    """The best model of a log.
+
+    Attributes:
+        log: the log's name.
+        experiments: the log's, with the best model of each in place of the model as given.
+        gaps: signal to what the best models leave on what is held out, as `gap.compare` has it.
+        commit: of the code that fitted it.
+    """
+
+    log: str
+    experiments: tuple[Experiment, ...]
+    gaps: dict[str, float]
+    commit: str
+
+
+def best_model(name: str, folder: Path) -> Best:
+    """The best model of a log.
+
+    Args:
+        name: of the log, one of `rivals.logs.LOGS`.
+        folder: where best models are kept, each in a folder of its log.
+
+    Raises:
+        FileNotFoundError: the log is not there.
+    """
+    log = next(log for log in LOGS if log.name == name)
+    experiments, own = log.experiments(), folder / name
+    if not (own / _TOLD).exists():
+        start = time.perf_counter()
+        own.mkdir(parents=True, exist_ok=True)
+        problem = log.load()
+        structure = plain(problem, *MORE.get(name, ()))
+        fitted = gap.fit(problem, structure)
+        robots = {
+            f"{Path(one.model).stem}.xml": replace(robot, hold=problem.hold)
+            for one, robot in zip(experiments, fitted.robots, strict=True)
+        }
+        for file, robot in robots.items():
+            write_model(robot, own / file)
+        (own / FILE).write_text(json.dumps(sidecar(robots, [])), encoding="utf-8")
+        told = {
+            "commit": commit(),
+            "seconds": time.perf_counter() - start,
+            "gaps": {signal: size.after for signal, size in fitted.gap.signals.items()},
+            "values": [
+                f"{one.effect} {of.place} {of.name} {of.value:.4g} ± {of.std or float('nan'):.2g}"
+                for one in fitted.effects
+                for of in one.parameters
+            ],
+        }
+        (own / _TOLD).write_text(json.dumps(told, indent=1, ensure_ascii=False), encoding="utf-8")
+    told = json.loads((own / _TOLD).read_text(encoding="utf-8"))
+    return Best(
+        log=name,
+        experiments=tuple(
+            replace(one, model=str(own / f"{Path(one.model).stem}.xml")) for one in experiments
+        ),
+        gaps=told["gaps"],
+        commit=told["commit"],
+    )
+
+
+@functools.cache
+def commit() -> str:
+    """The commit of this checkout, with a `+` where files of it have changed; "" outside of git.
+
+    It is that of when a process first asks.
+    """
+
+    def git(*words: str) -> str:
+        done = subprocess.run(
+            ["git", *words], cwd=_REPOSITORY, capture_output=True, text=True, check=False
+        )
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    changed = git("status", "--porcelain", "--untracked-files=no")
+    return git("rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
