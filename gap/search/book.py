@@ -1,8 +1,8 @@
 """The book of all structures that were fitted, in which each stands once it is worth reading.
 
-    book = Book(problem)
-    book.add(fit)
-    book.best                # the member that the table prefers
+book = Book(problem)
+book.add(fit)
+book.best                # the member that the table prefers
 """
 
 from __future__ import annotations
@@ -112,10 +112,10 @@ class Book:
 
     def _left_out(self, found: Sequence[Member]) -> None:
         """What each ordinary effect brings that a structure of the ground needs."""
-        best, *without = found
+        best = found[0]
         sizes = [np.log(np.hypot(m.scores.size, m.scores.floor)).mean() for m in found]
         for name, size in zip(best.effects, sizes[1:], strict=False):
-            if name not in self.gains:
+            if (1, name) not in self.gains:
                 self.gains[1, name] = float(size - sizes[0])
 
     def _worth_a_name(self, one: Member) -> bool:

@@ -182,4 +182,3 @@ def described(effects: Places) -> str:
         for name, places in effects.items()
     )
     return " + ".join(parts) or "nothing"
-

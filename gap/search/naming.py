@@ -68,8 +68,8 @@ class Explanation:
         named: its effects, the surest first.
         table: every structure that was fitted.
         gains: round and name of every effect that was tried, to what it takes off the score of the
-            fitted recordings: in round 1 each of the ground, by leaving it out; in round 2 rare ones
-            beside that; and so on.
+            fitted recordings: in round 1 each of the ground, by leaving it out; in round 2 rare
+            ones beside that; and so on.
         unknown: the weight of what is named with an effort beside it that the catalogue cannot
             name; None where nothing was looked for, or no such effort can be told.
         searched: whether anything was looked for: the model as given leaves a gap.
@@ -153,8 +153,10 @@ def _at_needed_places(problem: Problem, book: Book, current: Fit) -> Fit:
         values = current.values - current.structure.zero
         size = {
             place: float(
-                np.max(np.abs(values[c := current.structure.columns(term, place)])
-                       / current.structure.prior[c])
+                np.max(
+                    np.abs(values[c := current.structure.columns(term, place)])
+                    / current.structure.prior[c]
+                )
             )
             for place in term.places
         }

@@ -1,6 +1,6 @@
 """A simulation that is good enough: where most of a gap is numerical, the timestep is named first.
 
-    fit = as_simulated_well(problem, effects, nothing)
+fit = as_simulated_well(problem, effects, nothing)
 """
 
 from __future__ import annotations

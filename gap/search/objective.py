@@ -243,7 +243,8 @@ class Objective:
             square = np.einsum("rc,rc->c", read, read)
             along = np.einsum("rc,rc->c", read, half) / np.where(square > 0, square, 1.0)
             half = half - along * read
-        return np.sqrt(self.mean_square(half))
+        size: FloatArray = np.sqrt(self.mean_square(half))
+        return size
 
     @property
     def level(self) -> FloatArray:
@@ -349,8 +350,9 @@ class Objective:
 
     def penalty(self, structure: Structure, values: FloatArray) -> FloatArray:
         """(n, n_parameters) values → (n,) what their priors add to the score."""
-        away: FloatArray = (values - structure.zero) / structure.prior
-        return 0.5 * np.sum(away**2, axis=-1) / self.samples
+        away = (values - structure.zero) / structure.prior
+        penalty: FloatArray = 0.5 * np.sum(away**2, axis=-1) / self.samples
+        return penalty
 
     def weights(self, mean_square: FloatArray) -> FloatArray:
         """(n_scored,) factors that make ½ Σ w r² change as the score does near these gaps."""

@@ -1,7 +1,6 @@
 """Proposals: which rare effects are worth a fit on top of what is there, alone or in pairs.
 
-    for one in proposals(problem, current, slopes, effects):    # fitted to all recordings, best first
-        ...
+    proposals(problem, current, slopes, effects)    # fitted to all recordings, best first
 
 What every effect would change is seen at little cost (`signatures`); those that promise most are
 fitted together with everything that is there. A proposal decides nothing.

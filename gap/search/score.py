@@ -48,7 +48,8 @@ class Scores:
     @property
     def size(self) -> FloatArray:
         """(n_scored,) root mean squares over all blocks."""
-        return np.sqrt(self.squares.sum(axis=0) / np.maximum(self.count.sum(axis=0), 1))
+        size: FloatArray = np.sqrt(self.squares.sum(axis=0) / np.maximum(self.count.sum(axis=0), 1))
+        return size
 
     def elpd(self, scale: Scores) -> FloatArray:
         """(n_blocks,) log densities, with the memory and the floor of another structure."""
@@ -59,13 +60,14 @@ class Scores:
         for _ in range(_SWEEPS):
             heavy = (TAILS + count) / (TAILS + square / variance)
             variance = np.maximum(np.sum(heavy * square, axis=0) / total, scale.floor**2)
-        density: FloatArray = (
+        density: FloatArray = np.sum(
             gammaln(0.5 * (TAILS + count))
             - gammaln(0.5 * TAILS)
             - 0.5 * count * np.log(TAILS * np.pi * variance)
-            - 0.5 * (TAILS + count) * np.log1p(square / (TAILS * variance))
+            - 0.5 * (TAILS + count) * np.log1p(square / (TAILS * variance)),
+            axis=1,
         )
-        return density.sum(axis=1)
+        return density
 
 
 def scored(
@@ -94,9 +96,7 @@ def scored(
     )
 
 
-def _left_out(
-    objective: Objective, one: Fit, slopes: Slopes, kept: NDArray[np.intp]
-) -> FloatArray:
+def _left_out(objective: Objective, one: Fit, slopes: Slopes, kept: NDArray[np.intp]) -> FloatArray:
     """(n_blocks, n_scored) sums of squares of each block, by a fit without it."""
     residual, jacobian = slopes.residual, slopes.jacobian[kept]
     if not len(kept):

@@ -301,8 +301,7 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     apart = [
         replace(term, shared=False)
         for term, one in zip(terms, found, strict=True)
-        if term.shared
-        and _promise_apart(objective, left, _without(follow, one.changes)) > least
+        if term.shared and _promise_apart(objective, left, _without(follow, one.changes)) > least
     ]
     hopeful = _hopeful(objective, current, simulated, left, follow, apart, _MOST_APART)
     view.extend(_simulate(objective, current, simulated, hopeful))

@@ -14,7 +14,6 @@ from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
-from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.naming import Explanation, name_effects
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.workflow import prepare
