@@ -132,6 +132,7 @@ SIZE = {"before": NUMBER, "after": NUMBER, "noise_floor": NUMBER}
 DIAGNOSIS = {
     "schema": int,
     "verdict": str,
+    "unknown": (NUMBER, None),
     "gap": {
         "unit": str,
         "horizon": (NUMBER, None),
@@ -175,9 +176,9 @@ def fits(value: Any, form: Any) -> bool:
 def check_diagnosis(content: dict[str, Any]) -> None:
     for key, form in DIAGNOSIS.items():
         assert fits(content[key], form), (key, content[key])
-    assert set(content) - {"only"} == set(DIAGNOSIS)
+    assert set(content) - {"only", "hints"} == set(DIAGNOSIS)
     assert fits(content.get("only", []), [str])
-    assert content["schema"] == 1
+    assert content["schema"] == 2
     assert content["verdict"] in ("explained", "partly_explained", "no_gap", "unexplained")
     gap = content["gap"]
     assert (gap["before"], gap["after"]) == (
@@ -261,7 +262,7 @@ def test_the_next_experiment_can_be_played(delayed: Path) -> None:
 
 def test_actuators_json_has_what_mjcf_cannot_say(delayed: Path) -> None:
     content = json.loads((delayed / "actuators.json").read_text(encoding="utf-8"))
-    assert content["schema"] == 1
+    assert content["schema"] == 2
     diagnosis = json.loads((delayed / "diagnosis.json").read_text(encoding="utf-8"))
     assert [one["effect"] for one in content["effects"]] == [
         one["effect"] for one in diagnosis["effects"]

@@ -570,10 +570,10 @@ class TestFit:
         (found,) = fit(one, evaluate(one, [(both, np.array([0.1, 0.0]))]), iterations=20)
         assert found.values[0] == pytest.approx(-0.1, abs=1e-9)
         grid = found.values[1] + np.linspace(-2e-3, 2e-3, 81)
-        (squares,) = one.mean_squares(
-            [Case(structure=both, values=np.stack([np.full(81, -0.1), grid], axis=1))]
-        )
-        assert found.score <= one.score(squares).min() + 1e-4
+        case = Case(structure=both, values=np.stack([np.full(81, -0.1), grid], axis=1))
+        (squares,) = one.mean_squares([case])
+        probable = one.score(squares) + one.penalty(both, case.values)
+        assert found.score <= probable.min() + 1e-4
 
     @pytest.mark.parametrize("start", [0.2, 0.275, 0.279, 0.2795, 0.285])
     def test_a_numerical_error_that_looks_like_the_effect_does_not_hold_it_up(self, start):
@@ -581,6 +581,7 @@ class TestFit:
         recording = run(robot, dof_damping=0.35)
         one = objective(robot, [recording], floor=1e-5)
         tried = structure([sized(robot, recording)], viscous_friction=["hip"])
+        vars(tried)["prior"] = np.array([np.inf])  # which draws it as well
         ((more, true),) = one.residuals([Case(structure=tried, values=np.array([[0.27], [0.25]]))])
         # Up to 0.28 the timestep can make up for too much damping, but for a ripple.
         ripple = 3e-5 * np.sin(np.arange(len(true)))[:, None]
@@ -589,7 +590,7 @@ class TestFit:
         (found,) = fit(one, evaluate(one, [(tried, np.array([start]))]), iterations=20)
         assert found.values[0] == pytest.approx(0.25, abs=2e-3)
 
-    def test_what_the_recordings_do_not_feel_stays_where_it_started(self):
+    def test_what_the_recordings_do_not_feel_stays_where_its_prior_has_it(self):
         robot = pendulum()
         # The joint turns about y, so only a pitch matters to it; a roll does in second order.
         spec = robot.spec.copy()
@@ -601,7 +602,7 @@ class TestFit:
         tried = structure([robot], base_tilt=[EVERYWHERE])
         (found,) = fit(one, evaluate(one, [(tried, np.array([0.0, 0.06]))]))
         roll, pitch = found.values
-        assert roll == 0.0
+        assert roll == pytest.approx(0.0, abs=1e-3)
         assert pitch == pytest.approx(0.1, rel=0.01)
         _, sensitivity = covariance(one, found)
         assert sensitivity[0] < INSENSITIVE < sensitivity[1]

@@ -57,6 +57,7 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 def test_a_limit_that_is_never_met_is_found_again(problem: Problem) -> None:
     term = Term(effect=CATALOGUE["effort_limit"], sites=("shoulder",))
     structure = Structure((term,), problem.robots)
+    vars(structure)["prior"] = np.array([np.inf])  # which finds the way to no limit at all
     objective = problem.fit.objective
     never = 0.7 * structure.zero
     (start,) = evaluate(objective, [(structure, never)])
