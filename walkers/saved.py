@@ -29,8 +29,7 @@ from walkerkit.actuators import (
     XmlVelocityActuatorCfg,
 )
 from walkerkit.actuators.drive import Drive, drives_of_joint
-from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw
-from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.drivetrain import DrivetrainLaw, UnknownLawError, law_named
 from walkerkit.walkers.reading import escaped
 
 FILE = "actuators.json"
@@ -81,6 +80,8 @@ def saved_actuators(path: str | Path, *, stopgap: bool = False) -> SavedActuator
             actuators=(*_taken_over(commands), *learned.values()),
             laws=_laws(entry.get("laws", {})),
         )
+    except UnknownLawError as error:
+        raise ValueError(f"{beside}: {error}") from None
     except (KeyError, TypeError, AttributeError, json.JSONDecodeError, RecursionError) as error:
         raise ValueError(
             f"{beside}: is none of the gap workflow's ({type(error).__name__}: {error}); write it "
@@ -136,9 +137,7 @@ def _laws(of_joints: Mapping[str, Any]) -> tuple[DrivetrainLaw, ...]:
             kinds.setdefault(name, {})[_exactly(joint)] = parameters
     found = []
     for name, of_kind in kinds.items():
-        if name not in LAWS:
-            raise KeyError(f"no law {name!r}{closest(name, LAWS)}; there are {listed(LAWS)}")
-        law = LAWS[name]
+        law = law_named(name)
         numbers = {
             parameter: {joint: _finite(given[parameter]) for joint, given in of_kind.items()}
             for parameter in law.parameter_names()

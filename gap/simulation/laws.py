@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw, LawBank, Step
+from walkerkit.actuators.drivetrain import DrivetrainLaw, LawBank, Step, in_order
 from walkerkit.gap.simulation.drive_forces import DRIVE_FIELDS, DriveForces
 from walkerkit.gap.simulation.robot import Joint
 from walkerkit.gap.simulation.trials import Trials
@@ -74,8 +74,8 @@ class Laws:
         # In the order in which those of a stage act.
         each = [
             (law, found[law])
-            for law in LAWS.values()
-            if law in found and law.acting(found[law]).any()
+            for law in in_order(found)
+            if law.acting(found[law]).any()
         ]
         self.of_targets = [(law, p) for law, p in each if law.targets_only]
         self.stepwise = [(law, p) for law, p in each if not law.targets_only]
@@ -132,8 +132,7 @@ class Laws:
                     for name in law.neutral
                 },
             )
-            for law in LAWS.values()
-            if any(law in some for some, _ in each)
+            for law in in_order(law for some, _ in each for law in some)
         ]
 
     def bank(self) -> LawBank:

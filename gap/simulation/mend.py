@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain import LAWS, CommandDelay
+from walkerkit.actuators.drivetrain import CommandDelay, law_named
 from walkerkit.gap.simulation.interpolate import made_delay
 from walkerkit.gap.simulation.rebuild import rebuilds, rebuilt_as
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
@@ -171,7 +171,7 @@ def _delay_commands(
     arrived.
     """
     step = spec.option.timestep
-    controlled = any(LAWS[law].stage == "controller" for law in laws)
+    controlled = any(law_named(law).stage == "controller" for law in laws)
     for drive in joint.drives:
         actuator = _by_id(spec.actuators, drive.actuator)
         whole = float(made_delay(actuator.delay, step)) + delay

@@ -14,7 +14,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from walkerkit.actuators.drivetrain import LAWS
+from walkerkit.actuators.drivetrain import UnknownLawError, law_named
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
 
@@ -67,6 +67,8 @@ def with_sidecar(robot: Robot, model_path: Path) -> Robot:
         )
     except InputError:
         raise
+    except UnknownLawError as error:
+        raise InputError(f"{path}: {error}.") from None
     except (ValueError, KeyError, TypeError, AttributeError, OSError, RecursionError) as error:
         raise InputError(
             f"{path}: is no actuators.json of schema {SCHEMA} ({type(error).__name__}: {error}). "
@@ -94,7 +96,7 @@ def _entry(robot: Robot) -> dict[str, Any]:
 
 
 def _parameters(law: str, values: Mapping[str, Any]) -> dict[str, float]:
-    names = LAWS[law].parameter_names()
+    names = law_named(law).parameter_names()
     if sorted(values) != sorted(names):
         raise ValueError(f"{law} has the parameters {list(names)}, not {list(values)}")
     return {name: _finite(values[name]) for name in names}

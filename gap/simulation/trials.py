@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw
+from walkerkit.actuators.drivetrain import DrivetrainLaw, law_named
 from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
@@ -70,7 +70,7 @@ class Trials:
         self.start_errors = {j: np.zeros((n, 2)) for j in known}
         self.fields: dict[str, NDArray[Any]] = {}
         self.laws: dict[tuple[type[DrivetrainLaw], str, str], FloatArray] = {
-            (LAWS[law], joint, name): np.full(n, value)
+            (law_named(law), joint, name): np.full(n, value)
             for joint, laws in robot.laws.items()
             for law, parameters in laws.items()
             for name, value in parameters.items()

@@ -8,12 +8,15 @@ have had nothing to do for a while, or when this process ends.
 
 from __future__ import annotations
 
+import pickle
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
+from joblib.externals import cloudpickle
 from joblib.externals.loky.backend import get_context
 
 from walkerkit.walkers.batch import count_warnings, counted_warnings
@@ -30,7 +33,7 @@ def side_by_side(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list
     """What a function makes of each of some jobs, each in a process of its own.
 
     Args:
-        function: called with one job; both are pickled.
+        function: called with one job; both are pickled, laws that a script defines among them.
         jobs: what it is called with, at least one.
 
     Returns:
@@ -77,7 +80,9 @@ class _Sent(Generic[Job, Result]):
         for worker in (*known, None):
             try:
                 self._worker = worker or _Worker()
-                self._worker.pipe.send((function, job))
+                self._worker.pipe.send(sys.path)
+                # A user's laws may come from a script, or from a folder that joined the path late.
+                self._worker.pipe.send_bytes(cloudpickle.dumps((function, job)))
             except OSError:  # it has ended, or cannot be started
                 self.end()
             else:
@@ -112,13 +117,15 @@ def _serve(pipe: Connection) -> None:
     with closing(pipe):
         while pipe.poll(_IDLE):
             try:
-                function, job = pipe.recv()
+                sys.path[:] = pipe.recv()
+                sent = pipe.recv_bytes()
             except EOFError:
                 return
             result: Any = None
             error = None
             with counted_warnings() as counted:
                 try:
+                    function, job = pickle.loads(sent)
                     result = function(job)
                 except Exception as raised:  # raised where the job comes from
                     error = raised
