@@ -50,6 +50,7 @@ class Trials:
         fields: model field to its (n, *shape) values, of the fields that were asked for.
         laws: drivetrain law, joint and parameter to its (n,) values, of the laws asked for.
         plays: joint and number to its (n,) values, of the joints whose play was asked for.
+        numbers: joint and name to (n,) values of the numbers of laws in Python that were asked for.
     """
 
     def __init__(self, robot: Robot, n: int):
@@ -76,6 +77,7 @@ class Trials:
             for name, value in parameters.items()
         }
         self.plays: dict[tuple[str, str], FloatArray] = {}
+        self.numbers: dict[tuple[str, str], FloatArray] = {}
 
     def field(self, name: str) -> NDArray[Any]:
         """The (n, *shape) values of a model field, or of an `opt.` field, to write to."""
@@ -94,6 +96,13 @@ class Trials:
                 self.laws[law, joint, name] = np.full(self.n, law.neutral[name])
         return {name: self.laws[law, joint, name] for name in law.parameter_names()}
 
+    def number(self, joint: str, name: str) -> FloatArray:
+        """The (n,) values of a number of a joint's law in Python, infinite where it has none."""
+        if (joint, name) not in self.numbers:
+            known = self.robot.number(joint, name)
+            self.numbers[joint, name] = np.full(self.n, np.inf if known is None else known)
+        return self.numbers[joint, name]
+
     def play(self, joint: str) -> dict[str, FloatArray]:
         """The play between a joint and its link, (n,) values each, none at first, to write to.
 
@@ -108,12 +117,16 @@ class Trials:
 
     @property
     def with_laws(self) -> NDArray[np.bool_]:
-        """(n,) whether a law does anything in a variant."""
+        """(n,) whether a law does anything in a variant, one of a drive in Python among them."""
+        if self.robot.programs:
+            return np.ones(self.n, dtype=bool)
         return self._acting(list(self.laws))
 
     @property
     def stepwise(self) -> NDArray[np.bool_]:
         """(n,) whether a law does anything that cannot be known before the simulation."""
+        if self.robot.programs:
+            return np.ones(self.n, dtype=bool)
         return self._acting([key for key in self.laws if not key[0].targets_only])
 
     def _acting(self, laws: Sequence[tuple[type[DrivetrainLaw], str, str]]) -> NDArray[np.bool_]:
@@ -157,6 +170,9 @@ class Trials:
         for joint in dict.fromkeys(joint for block in blocks for joint, _ in block.plays):
             for block in blocks:
                 block.play(joint)
+        for joint, name in dict.fromkeys(key for block in blocks for key in block.numbers):
+            for block in blocks:
+                block.number(joint, name)
         for k, columns in enumerate(whole._columns()):
             parts = [block._columns()[k] for block in blocks]
             columns.update({name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
@@ -176,6 +192,7 @@ class Trials:
             self.fields,
             self.laws,
             self.plays,
+            self.numbers,
         )
 
 

@@ -16,8 +16,8 @@ from contextlib import closing
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
-from joblib.externals import cloudpickle
 from joblib.externals.loky.backend import get_context
+from joblib.externals.loky.cloudpickle_wrapper import dumps
 
 from walkerkit.walkers.batch import count_warnings, counted_warnings
 
@@ -38,7 +38,7 @@ def side_by_side(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list
 
     Returns:
         The results, in the order of the jobs. The jobs of processes that died, as those do that the
-        system has no memory for, are done in this one.
+        system has no memory for, and those that they could not read are done in this one.
 
     Raises:
         Exception: what the function raised.
@@ -82,7 +82,7 @@ class _Sent(Generic[Job, Result]):
                 self._worker = worker or _Worker()
                 self._worker.pipe.send(sys.path)
                 # A user's laws may come from a script, or from a folder that joined the path late.
-                self._worker.pipe.send_bytes(cloudpickle.dumps((function, job)))
+                self._worker.pipe.send_bytes(dumps((function, job)))
             except OSError:  # it has ended, or cannot be started
                 self.end()
             else:
@@ -93,13 +93,16 @@ class _Sent(Generic[Job, Result]):
         if self._worker is None:
             return self._function(self._job)
         try:
-            result, error, warned = self._worker.pipe.recv()
+            answer = self._worker.pipe.recv()
         except (EOFError, OSError):
             self.end()
             return self._function(self._job)
         with _FREE:
             _free.append(self._worker)
         self._worker = None
+        if answer is None:
+            return self._function(self._job)
+        result, error, warned = answer
         count_warnings(warned)
         if error is not None:
             raise error
@@ -121,11 +124,15 @@ def _serve(pipe: Connection) -> None:
                 sent = pipe.recv_bytes()
             except EOFError:
                 return
+            try:
+                function, job = pickle.loads(sent)
+            except Exception:  # it needs what the asking process alone has
+                pipe.send(None)
+                continue
             result: Any = None
             error = None
             with counted_warnings() as counted:
                 try:
-                    function, job = pickle.loads(sent)
                     result = function(job)
                 except Exception as raised:  # raised where the job comes from
                     error = raised
