@@ -155,13 +155,14 @@ class RobotLog:
             python += () if isinstance(actuator, NativeActuator) else actuator.joint_names
         if python:
             self._notes.append(
-                f"the law of {listed(python)} runs in Python, and the robot's own model has bare "
-                "motors there: compare with a model that has BuiltinPdActuatorCfg or "
-                "BuiltinPositionActuatorCfg of the same gains"
+                f"the law of {listed(python)} runs in Python: give as the model a "
+                "`package.module:callable` that returns the walker, since its MJCF alone has bare "
+                "motors there"
             )
         if late:
             self._notes.append(
-                f"the delay of {listed(late)} runs in Python, and the robot's own model has none"
+                f"the delay of {listed(late)} runs in Python: the walker as the model has it, its "
+                "MJCF alone has none"
             )
         if elsewhere:
             self._notes.append(f"{listed(elsewhere)} are tendons or sites, which no log has")

@@ -18,7 +18,7 @@ _REPLACED = ("target", "effort", "friction", "target_ahead", "effort_ahead")  # 
 
 
 class LawBank:
-    """Laws that act within their stage in the order of `in_order`, whatever that in which they come.
+    """Laws that act within their stage as `in_order` has them, whatever order they come in.
 
     Args:
         laws: classes of the laws, each with its parameters, (n_joints,) or (n_sims, n_joints);

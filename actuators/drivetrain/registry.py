@@ -3,9 +3,9 @@
     law_named("stribeck_friction")     # walkerkit's, or one that a user has defined
     in_order([MyLaw, StribeckFriction])
 
-A user's law is a subclass of `DrivetrainLaw` in a module of his own. It is known by its name as soon
-as that module is imported; a package that has some names the module in its entry points of the
-group `walkerkit.laws`.
+A user's law is a subclass of `DrivetrainLaw` in a module of the user's own. It is known by its name
+as soon as that module is imported; a package that has laws names their module in its entry points
+of the group `walkerkit.laws`.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def law_named(name: str) -> type[DrivetrainLaw]:
     if found is None:
         known = [*LAWS, *(other for other in defined_laws() if other not in LAWS)]
         raise UnknownLawError(
-            f"there is no drivetrain law {name!r}{closest(name, known)}; there are {listed(known)}. "
-            "Import the module that defines it before"
+            f"there is no drivetrain law {name!r}{closest(name, known)}; there are "
+            f"{listed(known)}. Import the module that defines it before"
         )
     return found
 

@@ -43,7 +43,6 @@ for _family in (*_FAMILIES, *_others):
 from walkerkit.gap.effects.law import LawEffect  # noqa: E402  its family comes in its order
 
 
-
 class Catalogue(Mapping[str, Effect]):
     """Effects by name: those of this package, and then those that users have defined by now."""
 

@@ -1,7 +1,7 @@
 """What an effect is: a name, an equation, parameters at sites, and how they enter a robot.
 
-An effect is one small class, in a file of its family or in a user's own module. Writing it registers
-it, wherever it is written:
+An effect is one small class, in a file of its family or in a user's own module. Writing it
+registers it, wherever it is written:
 
     class ViscousFriction(Effect):
         name = "viscous_friction"
@@ -216,8 +216,8 @@ def identity(effect: Effect) -> str:
 def _refuse_taken(cls: type[Effect]) -> None:
     if any(known.__dict__.get("name") == cls.name for known in _defined):
         raise ValueError(
-            f"name is {cls.name!r} of the effect {cls.__qualname__}, but walkerkit has an effect of "
-            "that name: give yours another one"
+            f"name is {cls.name!r} of the effect {cls.__qualname__}, but walkerkit has an effect "
+            "of that name: give yours another one"
         )
 
 
@@ -226,7 +226,7 @@ def _refuse_incomplete(cls: type[Effect]) -> None:
     if missing:
         raise InputError(
             f"the effect {cls.__module__}.{cls.__qualname__} lacks {', '.join(missing)}. Give it "
-            f"{'them' if len(missing) > 1 else 'it'} as text, as in `{missing[0]} = \"...\"`."
+            f'{"them" if len(missing) > 1 else "it"} as text, as in `{missing[0]} = "..."`.'
         )
 
 

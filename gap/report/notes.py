@@ -18,8 +18,8 @@ from walkerkit.gap.report.quantity import percent, quantity
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.commands import Route, routes
+from walkerkit.gap.simulation.programs import rest_controls
 from walkerkit.gap.simulation.robot import Joint, Robot
-from walkerkit.gap.simulation.start import rest
 
 _ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _UNSURE = 0.9
@@ -238,7 +238,7 @@ def _lacking(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
 
 def _unlogged(robot: Robot, joint: Joint) -> str:
     """What a simulation does with a joint that is not logged."""
-    model, control = robot.model, rest(robot.model).ctrl
+    model, control = robot.model, rest_controls(robot)
     drive = joint.drive("position") or joint.drive("velocity")
     if drive is not None:
         at = float((control[drive.ctrl] - drive.offset) / drive.slope) + 0.0  # never -0

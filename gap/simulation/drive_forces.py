@@ -121,7 +121,9 @@ class DriveForces:
     ) -> None:
         """Puts servos with their gains about rest in the places of laws in Python."""
         for name in _OF_EACH[:-3]:
-            setattr(self, name, np.array(np.broadcast_to(getattr(self, name), (n_sims, len(drives)))))
+            setattr(
+                self, name, np.array(np.broadcast_to(getattr(self, name), (n_sims, len(drives))))
+            )
         for k, (drive, joint) in enumerate(zip(drives, names, strict=True)):
             if not drive.in_python:
                 continue

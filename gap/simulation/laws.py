@@ -68,9 +68,7 @@ class Laws:
             if name in DRIVE_FIELDS
         }
         self.programs = (
-            ProgramsAtWork(trials, n_segments, columns, repeated)
-            if trials.robot.programs
-            else None
+            ProgramsAtWork(trials, n_segments, columns, repeated) if trials.robot.programs else None
         )
         number = None if self.programs is None else self.programs.number
         self.forces = DriveForces(model, joints, repeated, self.shape[0], number)
@@ -83,11 +81,7 @@ class Laws:
                     values, n_segments
                 )
         # In the order in which those of a stage act.
-        each = [
-            (law, found[law])
-            for law in in_order(found)
-            if law.acting(found[law]).any()
-        ]
+        each = [(law, found[law]) for law in in_order(found) if law.acting(found[law]).any()]
         self.of_targets = [(law, p) for law, p in each if law.targets_only]
         self.stepwise = [(law, p) for law, p in each if not law.targets_only]
 

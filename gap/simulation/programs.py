@@ -11,18 +11,17 @@ is one of these, `Drive.actuator` is the motor.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.config import ActuatorCfg
 from walkerkit.actuators.delayed import DelayedActuator
 from walkerkit.actuators.drive import Drive, TargetKind
 from walkerkit.actuators.drivetrain import DrivetrainLaw
 from walkerkit.actuators.errors import listed
-from walkerkit.actuators.explicit import AdoptedMotorCfg, ExplicitActuator, ExplicitActuatorCfg
+from walkerkit.actuators.explicit import ExplicitActuator, ExplicitActuatorCfg
 from walkerkit.actuators.laws.law import Law
 from walkerkit.actuators.native import NativeActuator
 from walkerkit.actuators.selection import select
@@ -66,20 +65,6 @@ class Program:
                 numbers.setdefault(name, np.full(len(self.joints), np.inf))
                 numbers[name][self.joints.index(joint)] = value
         return replace(self, numbers=numbers)
-
-    def config(self, names: Sequence[str]) -> AdoptedMotorCfg:
-        """The config of an actuator that works as this law through the motors that there are.
-
-        Args:
-            names: expressions that match the joints, one each.
-        """
-        given = {item.name for item in fields(self.cfg) if item.metadata.get("per_joint")}
-        numbers = {
-            name: dict(zip(names, map(float, values), strict=True))
-            for name, values in self.numbers.items()
-            if name in given and np.isfinite(values).all()
-        }
-        return AdoptedMotorCfg(law_cfg=replace(self.cfg, joint_names_expr=tuple(names), **numbers))
 
 
 def rest_controls(robot: Robot) -> FloatArray:
@@ -217,9 +202,7 @@ def _with_program(
         first = _first(inputs, law)
         others = tuple(drive for kind, drive in inputs.items() if kind != first)
         made[name] = replace(joints[name], drives=(inputs[first],), inputs=others)
-    return replace(
-        robot, joints={**robot.joints, **made}, programs=(*robot.programs, program)
-    )
+    return replace(robot, joints={**robot.joints, **made}, programs=(*robot.programs, program))
 
 
 def _first(inputs: Mapping[TargetKind, Drive], law: Law) -> TargetKind:
@@ -274,45 +257,4 @@ def _drivetrain_laws(
             found.setdefault(joint, {})[law.name] = {
                 name: float(values[k]) for name, values in numbers.items()
             }
-    return found
-
-
-def configs(robot: Robot, expression: Any) -> list[ActuatorCfg]:
-    """Configs of the robot's laws in Python, on a walker of its model.
-
-    Args:
-        robot: the robot.
-        expression: a joint's name → the expression that matches it alone.
-    """
-    from walkerkit.actuators.delayed import DelayedActuatorCfg
-
-    found: list[ActuatorCfg] = []
-    step = float(robot.model.opt.timestep)
-    for program in robot.programs:
-        # Joints whose delays have become different get a config each.
-        lags: dict[tuple[tuple[TargetKind, int], ...], list[int]] = {}
-        for k, name in enumerate(program.joints):
-            joint = robot.joints[name]
-            lag = tuple(
-                (drive.kind, round(drive.late / step))
-                for drive in (*joint.drives, *joint.inputs)
-                if round(drive.late / step)
-            )
-            lags.setdefault(lag, []).append(k)
-        for lag, which in lags.items():
-            part = replace(
-                program,
-                joints=tuple(program.joints[k] for k in which),
-                numbers={name: values[which] for name, values in program.numbers.items()},
-            )
-            cfg: ActuatorCfg = part.config([expression(name) for name in part.joints])
-            if lag:
-                most = max(steps for _, steps in lag)
-                cfg = DelayedActuatorCfg(
-                    base_cfg=cfg,
-                    delay_target=tuple(kind for kind, _ in lag),
-                    delay_min_lag=most,
-                    delay_max_lag=most,
-                )
-            found.append(cfg)
     return found

@@ -1,8 +1,8 @@
 """The laws in Python of many simulations at once, each with numbers of its own.
 
-    at_work = ProgramsAtWork(trials, n_segments, columns)
-    running = at_work.start(model)                    # with nothing to remember yet
-    controls = running.controls(sent, q, qd)          # of the motors, before each step
+at_work = ProgramsAtWork(trials, n_segments, columns)
+running = at_work.start(model)                    # with nothing to remember yet
+controls = running.controls(sent, q, qd)          # of the motors, before each step
 """
 
 from __future__ import annotations
@@ -84,7 +84,8 @@ class ProgramsAtWork:
     def efforts(self, controls: FloatArray) -> FloatArray:
         """What the motors make of their controls, (n_sims, n_joints) [N·m; N]."""
         gain, bias, lowest, highest = self._motor
-        return np.clip(gain * controls + bias, lowest, highest)
+        made: FloatArray = np.clip(gain * controls + bias, lowest, highest)
+        return made
 
     def joins(self, other: ProgramsAtWork) -> bool:
         """Whether these and others can be run as one."""
@@ -179,7 +180,8 @@ class RunningPrograms:
         """Positions and velocities of their joints, of which some are given and others rest.
 
         Args:
-            q, qd: (n_sims, n) of some joints.
+            q: (n_sims, n) positions of some joints [rad; m].
+            qd: (n_sims, n) their velocities [rad/s; m/s].
             places: place among their joints to that among those.
         """
         mine, theirs = [*places], [*places.values()]
