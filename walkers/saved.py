@@ -167,7 +167,7 @@ def _with_numbers(
         cfg = getattr(given, "base_cfg", given)
         cfg = getattr(cfg, "law_cfg", cfg)
         if not isinstance(cfg, ExplicitActuatorCfg):
-            raise TypeError(
+            raise ValueError(
                 f"in_python has {given!r}, whose law does not run in Python: leave it out"
             )
         by_lag: dict[tuple[tuple[str, int], ...], dict[str, Any]] = {}
@@ -176,7 +176,7 @@ def _with_numbers(
             lags = tuple((kind, round(_finite(late) / step)) for kind, late in of["late"].items())
             by_lag.setdefault(lags, {})[_exactly(joint)] = of["numbers"]
         for lags, numbers in by_lag.items():
-            changed = {
+            changed: dict[str, Any] = {
                 item.name: {joint: _finite(own[item.name]) for joint, own in numbers.items()}
                 for item in fields(cfg)
                 if item.metadata.get("per_joint") and all(item.name in n for n in numbers.values())

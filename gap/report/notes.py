@@ -200,7 +200,7 @@ def _clipped(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
 def _beyond(robot: Robot, route: Route, ends: Sequence[float]) -> str:
     """How far a target goes beyond what its actuator takes; "" where it does not."""
     drive, model = route.drive, robot.model
-    if drive is None or not model.actuator_ctrllimited[drive.ctrl]:
+    if drive is None or drive.in_python or not model.actuator_ctrllimited[drive.ctrl]:
         return ""
     limits = model.actuator_ctrlrange[drive.ctrl]
     low, high = sorted(float((limit - drive.offset) / drive.slope) for limit in limits)
