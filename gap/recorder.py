@@ -19,9 +19,8 @@ Which model to compare with: MuJoCo's actuators (`Builtin…`, `Xml…`, those o
 robot's own MJCF. That has a bare motor for a law that runs in Python (`IdealPdActuatorCfg`,
 `DcMotorActuatorCfg`, one of your own, with the delays in front of it), and nothing for drivetrain
 laws (`laws=`). Give as the model a `package.module:callable` that returns the walker, and all of
-them are replayed; the recording's notes name joints that need it. A model without them, or with a
-`BuiltinPdActuatorCfg` of the same gains, has a gap to be found. For a robot that `TrackJoints` hung
-up, the model is its `task.walker`.
+them are replayed. A model without them, or with a `BuiltinPdActuatorCfg` of the same gains, has a
+gap to be found. For a robot that `TrackJoints` hung up, the model is its `task.walker`.
 """
 
 from __future__ import annotations

@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 from dm_control import mjcf
 
-from walkerkit.actuators import ActuatorCmd
+from walkerkit.actuators import ActuatorCmd, BuiltinMotorActuatorCfg
+from walkerkit.actuators.explicit import ExplicitActuator
+from walkerkit.actuators.networks import Lstm, Mlp
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
@@ -25,6 +27,7 @@ from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.mended import Mended
 from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.start import state_offset
 from walkerkit.gap.simulation.trials import Trials
 from walkerkit.walkers import MjcfWalker
@@ -46,7 +49,7 @@ ARM = """
   </worldbody>
 </mujoco>
 """
-USERS = '''
+USERS = """
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,16 +116,13 @@ def make_random(): return walker(
     DelayedActuatorCfg(base_cfg=ideal, delay_min_lag=1, delay_max_lag=4))
 def make_lawful(): return walker(
     own, laws=(SetpointFilter(joint_names_expr=("elbow",), time_constant=0.03),))
-'''
+"""
 KINDS = ("ideal", "dc", "remotized", "own", "late", "mlp", "lstm")
 
 
 @pytest.fixture
 def users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     """A user's own module, in a folder of the user's own."""
-    from walkerkit.actuators.networks.lstm import Lstm
-    from walkerkit.actuators.networks.mlp import Mlp
-
     rng = np.random.default_rng(0)
     (tmp_path / "arm.xml").write_text(ARM)
     (tmp_path / "users_arm.py").write_text(textwrap.dedent(USERS))
@@ -336,14 +336,11 @@ def test_a_saved_folder_says_which_config_it_needs(users: ModuleType, tmp_path: 
     path = mended._written(folder)
     with pytest.raises(ValueError, match=r"runs in Python \('CompensatedCfg'\).*in_python="):
         MjcfWalker.from_file(path)
-    with pytest.raises(InputError, match="runs in Python.*package.module:callable"):
-        from walkerkit.gap.simulation.sidecar import with_sidecar
-
+    with pytest.raises(InputError, match=r"runs in Python.*package\.module:callable"):
         with_sidecar(robot, path)
+    native = BuiltinMotorActuatorCfg(joint_names_expr=(".*",))
     with pytest.raises(ValueError, match="whose law does not run in Python"):
-        from walkerkit.actuators import BuiltinMotorActuatorCfg
-
-        saved_actuators(path, in_python=[BuiltinMotorActuatorCfg(joint_names_expr=(".*",))])
+        saved_actuators(path, in_python=[native])
     saved = saved_actuators(path, in_python=[users.late])
     again = run(MjcfWalker.from_file(path, saved.actuators, laws=saved.laws))
     expected = run(mended.walker())
@@ -362,8 +359,6 @@ def test_the_bare_model_says_that_the_walker_is_needed(users: ModuleType, tmp_pa
 
 
 def test_what_no_replay_can_run_is_refused(users: ModuleType) -> None:
-    from walkerkit.actuators.explicit import ExplicitActuator
-
     class Odd(ExplicitActuator):
         def control(self, *targets):
             return super().control(*targets)
