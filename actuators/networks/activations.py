@@ -26,7 +26,7 @@ Activation = Callable[[FloatArray, FloatArray], None]
 # Arrays, since a ufunc takes 0.2 µs longer to convert a Python number.
 _ZERO, _HALF, _ONE = (np.array(number) for number in (0.0, 0.5, 1.0))
 _ROOT_HALF, _ROOT_TWO_OVER_PI = (np.array(number) for number in (0.5**0.5, (2 / math.pi) ** 0.5))
-_CUBIC, _FAR, _MOST = np.array(0.044715), np.array(30.0), np.array(700.0)
+_CUBIC, _FAR = np.array(0.044715), np.array(30.0)
 NUMBERS: Mapping[str, float] = MappingProxyType({"elu": 1.0, "leaky_relu": 0.01})
 """Those that have a number, with what it is where none is given."""
 _CALL = re.compile(r"(?P<name>\w+)\((?P<number>[^()]*)\)")
@@ -138,11 +138,14 @@ def _elu(x: FloatArray, scratch: FloatArray) -> None:
 
 
 def _silu(x: FloatArray, scratch: FloatArray) -> None:
-    np.negative(x, out=scratch)
-    np.minimum(scratch, _MOST, out=scratch)  # whose exponential does not overflow
+    # σ(x) with an exponential that does not overflow.
+    np.absolute(x, out=scratch)
+    np.negative(scratch, out=scratch)
     np.exp(scratch, out=scratch)
+    share = np.where(x >= 0, _ONE, scratch)
     np.add(scratch, _ONE, out=scratch)
-    np.divide(x, scratch, out=x)
+    np.divide(share, scratch, out=share)
+    np.multiply(x, share, out=x)
 
 
 def _gelu(x: FloatArray, scratch: FloatArray) -> None:

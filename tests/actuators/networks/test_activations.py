@@ -41,7 +41,9 @@ def test_formula_in_place_and_without_overflow(name):
     y = x.reshape(-1, 1).copy()
     ACTIVATIONS[name](y, np.full_like(y, np.nan))
     expected = [FORMULAS[name](value) for value in x]
-    np.testing.assert_allclose(y[:, 0], expected, rtol=1e-14, atol=2e-16)
+    # A small rest of tanh has few digits.
+    atol = 1e-14 if name == "gelu_tanh" else 2e-16
+    np.testing.assert_allclose(y[:, 0], expected, rtol=1e-14, atol=atol)
 
 
 @pytest.mark.parametrize(
