@@ -58,6 +58,7 @@ class LstmGraphReader(GraphReader):
                 )
             frozen = torch.jit.freeze(scripted.eval(), optimize_numerics=False)
         super().__init__(source, scripted, frozen)
+        self.before: tuple[FloatArray, FloatArray] = (np.ones(1), np.zeros(1))
         self.behind = self._chain
         self.batch_first = False
         self._before = Chain(source)

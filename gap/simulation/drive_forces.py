@@ -97,7 +97,7 @@ class DriveForces:
         # A motor takes whatever a law in Python makes.
         of_native = np.array([0 if drive.in_python else drive.ctrl for drive in drives], np.intp)
         bounded = model.actuator_ctrllimited[of_native].astype(bool)[:, None]
-        bounded &= np.array([[not drive.in_python] for drive in drives]).reshape(-1, 1)
+        bounded &= np.array([not drive.in_python for drive in drives], dtype=bool)[:, None]
         bounds = np.where(bounded, model.actuator_ctrlrange[of_native], [[-np.inf, np.inf]])
         self._bounds = (bounds[:, 0], bounds[:, 1]) if bounded.any() else None
         self.filters = _Filters.of(model, ids)
