@@ -58,17 +58,12 @@ def logs(make):
     return [
         gap.record(
             composer.Environment(TrackJoints(make(), excitation=kind), random_state=0),
-            seconds=2.0,
+            seconds=1.5,
             name=kind,
         )
         for kind in ("chirp", "steps", "slow_triangle")
     ]
 
-
-def told(result):
-    for effect in result.diagnosis.effects:
-        numbers = {one.name: one.value for one in effect.parameters}
-        print(json.dumps([result.diagnosis.verdict, effect.effect, list(effect.joints), numbers]))
 """
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -95,82 +90,57 @@ def study(folder: Path, repository: Path, script: str) -> list[Any]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def test_what_is_hidden_beside_an_own_actuator_is_named(tmp_path: Path, repository: Path) -> None:
-    (found,) = study(
-        tmp_path,
-        repository,
-        """
-        from study import *
-
-        def real():
-            return walker(replace(compensated.DRIVES, frictionloss=0.3))
-
-        told(gap.diagnose("study:walker", logs(real), effects=["coulomb_friction", "armature"]))
-        """,
-    )
-    verdict, effect, joints, numbers = found
-    assert (verdict, effect, joints) == ("explained", "coulomb_friction", ["knee"])
-    assert numbers["frictionloss"] == pytest.approx(0.3, rel=0.1)
-
-
-def test_an_own_law_is_found_by_its_effect_and_saved(tmp_path: Path, repository: Path) -> None:
-    found, names = study(
-        tmp_path,
-        repository,
-        """
-        from study import *
-
-        import heat
-
-        def real():
-            return native(laws=(heat.WeakAtSpeed(joint_names_expr=(".*",), loss=0.2),))
-
-        result = gap.diagnose(
-            "study:native", logs(real), effects=[heat.WeakAtSpeedEffect(), "armature"]
-        )
-        told(result)
-        result.save("out")
-        again = MjcfWalker.from_file("out/model.xml")
-        print(json.dumps([[law.name, law.loss] for law in again.drivetrain.laws]))
-        """,
-    )
-    verdict, effect, joints, numbers = found
-    assert (verdict, effect, joints) == ("explained", "weak_at_speed", ["knee"])
-    assert numbers["loss"] == pytest.approx(0.2, rel=0.05)
-    ((name, losses),) = names
-    assert name == "weak_at_speed"
-    assert losses == {"knee": pytest.approx(0.2, rel=0.05)}
-
-
-def test_the_effect_of_the_readme_works_in_a_users_file(tmp_path: Path, repository: Path) -> None:
+def test_what_users_write_in_files_of_their_own_works(tmp_path: Path, repository: Path) -> None:
     readme = (repository / "README.md").read_text(encoding="utf-8")
     section = readme.partition("### Adding one")[2]
     (tmp_path / "mine.py").write_text(BLOCK.findall(section)[0], encoding="utf-8")
-    known, found = study(
+    catalogue, beside, by_law, saved, by_readme = study(
         tmp_path,
         repository,
         """
+        import heat
         import mine
         from study import *
         from walkerkit.gap.effects import CATALOGUE
 
-        print(json.dumps(["my_viscous_friction" in CATALOGUE, [*CATALOGUE][-1]]))
-        def real():
+        print(json.dumps([*CATALOGUE][-2:]))
+
+        # Beside an own actuator, with own effects among those that are tried.
+        def rough():
+            return walker(replace(compensated.DRIVES, frictionloss=0.3))
+
+        result = gap.diagnose(
+            "study:walker",
+            logs(rough),
+            effects=["coulomb_friction", mine.ViscousFriction(), heat.WeakAtSpeedEffect],
+        )
+        effects = result.diagnosis.effects
+        print(json.dumps([result.diagnosis.verdict, *(e.effect for e in effects)]))
+
+        # An own drivetrain law, around MuJoCo's own drive.
+        def weak():
+            return native(laws=(heat.WeakAtSpeed(joint_names_expr=(".*",), loss=0.2),))
+
+        fitted = gap.fit(gap.load("study:native", logs(weak)), {"weak_at_speed": ["knee"]})
+        print(json.dumps(fitted.effects[0].parameters[0].value))
+        (robot,) = fitted.robots
+        print(json.dumps(robot.laws))
+
+        # The effect of the README.
+        def damped():
             robot = native()
             robot.mjcf_model.find("joint", "knee").damping = 0.4
             return robot
 
-        told(
-            gap.diagnose(
-                "study:native", logs(real), effects=["coulomb_friction", mine.ViscousFriction()]
-            )
-        )
+        fitted = gap.fit(gap.load("study:native", logs(damped)), "my_viscous_friction")
+        print(json.dumps(fitted.effects[0].parameters[0].value))
         """,
     )
-    assert known == [True, "my_viscous_friction"]
-    _, effect, joints, numbers = found
-    assert (effect, joints) == ("my_viscous_friction", ["knee"])
-    assert numbers["damping"] == pytest.approx(0.3, rel=0.05)
+    assert catalogue == ["weak_at_speed", "my_viscous_friction"]
+    assert beside == ["explained", "coulomb_friction"]
+    assert by_law == pytest.approx(0.2, rel=0.05)
+    assert saved == {"knee": {"weak_at_speed": {"loss": by_law}}}
+    assert by_readme == pytest.approx(0.3, rel=0.05)
 
 
 class TestTheVocabularyIsOpen:
