@@ -283,7 +283,7 @@ REFUSED = {
     "first": (lambda: nn.Sequential(nn.Tanh(), nn.Linear(6, 1)), "`aten::tanh` of module `0`"),
     "residual": (Residual, "`aten::add` cannot be converted"),
     "skipping": (Skipping, "`aten::linear` of module `second`|`aten::linear` of module `first`"),
-    "pair": (Pair, "prim::TupleConstruct"),
+    "pair": (Pair, "it returns something else than its last layer"),
     "ratio": (Ratio, "`aten::add` cannot be converted"),
     "denominator": (Denominator, "it returns something else than its last layer"),
     "squeezed": (Squeezed, "`aten::squeeze`"),
