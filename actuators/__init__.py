@@ -1,4 +1,9 @@
-"""Actuators: how a command becomes joint effort."""
+"""Actuators: how a command becomes joint effort.
+
+For an actuator of your own (docs/own_actuator.md): a config, `ExplicitActuatorCfg` or one of its
+subclasses, with fields from `number` and `choice`, and a law, `Law` or `PdLaw`. For a drivetrain
+law of your own: `DrivetrainLaw` and `Step`.
+"""
 
 from walkerkit.actuators.actuator import Actuator
 from walkerkit.actuators.builtin import (
@@ -12,12 +17,19 @@ from walkerkit.actuators.builtin_muscle import BuiltinMuscleActuatorCfg
 from walkerkit.actuators.command import ActuatorCmd
 from walkerkit.actuators.config import ActuatorCfg
 from walkerkit.actuators.delayed import DelayedActuator, DelayedActuatorCfg
+from walkerkit.actuators.drivetrain import DrivetrainLaw, Step
 from walkerkit.actuators.explicit import (
     DcMotorActuatorCfg,
+    ExplicitActuatorCfg,
     IdealPdActuatorCfg,
     RemotizedPdActuatorCfg,
+    pd_parameters,
 )
+from walkerkit.actuators.fields import choice, number
 from walkerkit.actuators.group import ActuatorGroup
+from walkerkit.actuators.laws.dc_motor import DcMotorLaw
+from walkerkit.actuators.laws.law import Law
+from walkerkit.actuators.laws.pd import PdLaw
 from walkerkit.actuators.learned import LearnedMlpActuatorCfg, LstmActuatorCfg
 from walkerkit.actuators.motors import (
     MOTORS,
@@ -48,6 +60,7 @@ from walkerkit.actuators.scaled import (
     add_position_actuator,
     add_velocity_actuator,
 )
+from walkerkit.actuators.selection import Numbers
 from walkerkit.actuators.wrapped import (
     XmlActuatorCfg,
     XmlMotorActuatorCfg,
@@ -68,16 +81,23 @@ __all__ = [
     "BuiltinPositionActuatorCfg",
     "BuiltinVelocityActuatorCfg",
     "DcMotorActuatorCfg",
+    "DcMotorLaw",
     "DelayedActuator",
     "DelayedActuatorCfg",
+    "DrivetrainLaw",
     "ElectricActuator",
+    "ExplicitActuatorCfg",
     "Gains",
     "IdealPdActuatorCfg",
+    "Law",
     "LearnedMlpActuatorCfg",
     "LstmActuatorCfg",
     "Motor",
+    "Numbers",
+    "PdLaw",
     "Randomization",
     "RemotizedPdActuatorCfg",
+    "Step",
     "XmlActuatorCfg",
     "XmlMotorActuatorCfg",
     "XmlPositionActuatorCfg",
@@ -85,9 +105,12 @@ __all__ = [
     "add_effort_actuator",
     "add_position_actuator",
     "add_velocity_actuator",
+    "choice",
     "gains_from_bandwidth",
     "linkage_matrix",
+    "number",
     "parallel_linkage",
+    "pd_parameters",
     "randomize",
     "randomize_armature",
     "randomize_delay",

@@ -47,6 +47,9 @@ class Drive:
         damping: −∂(joint effort)/∂q̇ [N·m·s/rad, or N·s/m].
         in_joint_units: the control is the target itself (times the gear), so that a constant bias
             of the actuator is effort and not an offset of the target.
+        late: how old targets are that reach it, beside what MuJoCo's own delay makes of them [s].
+        in_python: its law runs in Python, and MuJoCo's actuator is a motor that makes its effort;
+            `ctrl` is then no control of MuJoCo's.
     """
 
     actuator: int
@@ -57,6 +60,8 @@ class Drive:
     stiffness: float
     damping: float
     in_joint_units: bool
+    late: float = 0.0
+    in_python: bool = False
 
     def control(self, target: Number) -> Number:
         """The control that asks for `target` [rad, rad/s or N·m; m, m/s or N on a slide joint]."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from walkerkit.actuators.actuator import Random, Rows
 from walkerkit.actuators.builtin import IMPLICIT
 from walkerkit.actuators.command import TARGETS
-from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.config import ActuatorCfg, TargetedActuatorCfg
 from walkerkit.actuators.fields import number
 from walkerkit.actuators.general import add_general
 from walkerkit.actuators.laws.dc_motor import DcMotorLaw
@@ -26,7 +26,7 @@ from walkerkit.actuators.laws.pd import PdLaw
 from walkerkit.actuators.laws.remotized import RemotizedPdLaw
 from walkerkit.actuators.limits import least, range_behind
 from walkerkit.actuators.selection import Numbers
-from walkerkit.actuators.targeted import TargetedActuator
+from walkerkit.actuators.targeted import TargetedActuator, actuators_of
 
 FloatArray = NDArray[np.float64]
 
@@ -128,6 +128,26 @@ def _pairs(one: Numbers, other: Numbers) -> Iterator[tuple[str | None, float, fl
         yield from ((key, one, second) for key, second in other.items())
     else:
         yield None, one, other
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdoptedMotorCfg(ActuatorCfg):
+    """The law of another config through the motors that the model has at its joints already.
+
+    Attributes:
+        law_cfg: the config.
+    """
+
+    law_cfg: ExplicitActuatorCfg
+
+    @property
+    def joint_names_expr(self) -> tuple[str, ...]:
+        """The config's expressions."""
+        return self.law_cfg.joint_names_expr
+
+    def build(self) -> ExplicitActuator:
+        """The actuator."""
+        return AdoptedMotorActuator(self.law_cfg)
 
 
 def _lookup(name: str, value: Any) -> tuple[tuple[float, float], ...]:
@@ -324,3 +344,18 @@ class ExplicitActuator(TargetedActuator):
         strength = np.array(np.broadcast_to(self._read(name), self.shape))
         strength[slice(None) if rows is None else rows] = values
         self._strength = strength
+
+
+class AdoptedMotorActuator(ExplicitActuator):
+    """Sends what its law makes through a motor that is there, whatever the motor makes of it."""
+
+    adds_elements = False
+
+    def _element(self, target: Any, name: str, numbers: Mapping[str, float]) -> Any:
+        found = actuators_of(target)
+        if len(found) != 1:
+            raise ValueError(
+                f"joint {name!r} has {len(found)} actuators, where the law of "
+                f"{type(self.cfg).__name__} needs the motor that the gap workflow has left there"
+            )
+        return found[0]

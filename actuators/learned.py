@@ -3,7 +3,9 @@
     LearnedMlpActuatorCfg(
         joint_names_expr=(".*_ankle_.*",),
         network_file="ankle.npz",
-        history_length=3,
+        pos_scale=1.0,
+        vel_scale=0.05,
+        torque_scale=10.0,
         saturation_effort=50.0,
         velocity_limit=30.0,
         effort_limit=25.0,
@@ -11,8 +13,11 @@
 
 Networks are `.npz` files of arrays: nothing in them is executed. `networks.convert_torch` and
 `networks.convert_onnx` make them from other files, `networks.train_mlp_actuator` from logs of a
-real joint. A network knows the timestep of
-the samples that it was trained on: run it at that timestep.
+real joint.
+
+A network knows the scales and the timestep of the samples that it was trained on. The scales have
+no defaults, since one that is forgotten makes another drive and no error. Scales that the network's
+own file has are converted with it, and are 1 here. Run it at the timestep of its samples.
 """
 
 from __future__ import annotations
@@ -59,9 +64,9 @@ class LearnedActuatorCfg(ExplicitActuatorCfg):
     """
 
     network_file: str | Path
-    pos_scale: float = number(default=1.0, per_joint=False)
-    vel_scale: float = number(default=1.0, per_joint=False)
-    torque_scale: float = number(default=1.0, per_joint=False)
+    pos_scale: float = number(per_joint=False)
+    vel_scale: float = number(per_joint=False)
+    torque_scale: float = number(per_joint=False)
     input_order: InputOrder = choice("pos_vel", "vel_pos", default="pos_vel")
     saturation_effort: Numbers = number(above=0)
     velocity_limit: Numbers = number(above=0)
@@ -111,10 +116,11 @@ class LearnedMlpActuatorCfg(LearnedActuatorCfg):
     """A multilayer perceptron that sees the last few samples.
 
     Attributes:
-        history_length: samples that it sees, the present one included.
+        history_length: samples that it sees, the present one included: 3 is the present one and
+            two before it.
     """
 
-    history_length: int = number(default=1, at_least=1, whole=True, per_joint=False)
+    history_length: int = number(default=3, at_least=1, whole=True, per_joint=False)
 
     def _load(self) -> Mlp:
         return Mlp.load(self.network_file)

@@ -285,6 +285,11 @@ class TargetedActuator(Actuator):
         return ids
 
     @property
+    def numbers(self) -> Mapping[str, FloatArray]:
+        """The config's numbers for its joints, (n_joints,) each."""
+        return self._numbers
+
+    @property
     def elements(self) -> tuple[Any, ...]:
         """As in `Actuator`."""
         return self._elements

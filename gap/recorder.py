@@ -15,14 +15,12 @@ physics step that begins there, on the joint's side of gears and limits. That is
 log, so a log that is replayed by the model that made it, at its timestep, leaves no gap. Joints are
 called as in the robot's own model. A base that floats leaves its pose and velocity too.
 
-Which model to compare with: one in which MuJoCo has every drive. Position, velocity and effort
-actuators of MuJoCo (`Builtin…`, `Xml…`, those of the file) are in the robot's own model. Of a law
-that runs in Python (`IdealPdActuatorCfg`, `DcMotorActuatorCfg`, …, and delays in front of it) there
-is nothing in that model but a bare motor, to which no position target can go. Compare with the same
-robot with a `BuiltinPdActuatorCfg` or `BuiltinPositionActuatorCfg` of the same gains, limits and
-armature; the recording's notes name such joints. What the Python law does beyond these, like the
-drivetrain laws of a walker (`laws=`), is then the gap that is found. For a robot that `TrackJoints`
-hung up, the model is its `task.walker`.
+Which model to compare with: MuJoCo's actuators (`Builtin…`, `Xml…`, those of the file) are in the
+robot's own MJCF. That has a bare motor for a law that runs in Python (`IdealPdActuatorCfg`,
+`DcMotorActuatorCfg`, one of your own, with the delays in front of it), and nothing for drivetrain
+laws (`laws=`). Give as the model a `package.module:callable` that returns the walker, and all of
+them are replayed. A model without them, or with a `BuiltinPdActuatorCfg` of the same gains, has a
+gap to be found. For a robot that `TrackJoints` hung up, the model is its `task.walker`.
 """
 
 from __future__ import annotations

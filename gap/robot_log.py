@@ -10,10 +10,9 @@ from dm_control import composer, mjcf
 from dm_control.locomotion.walkers import base
 from numpy.typing import NDArray
 
-from walkerkit.actuators import ActuatorCmd, DelayedActuator
+from walkerkit.actuators import ActuatorCmd
 from walkerkit.actuators.drive import Drive, read_drive
 from walkerkit.actuators.errors import listed
-from walkerkit.actuators.native import NativeActuator
 from walkerkit.tasks.suite_physics import ActuatedPhysics
 from walkerkit.walkers.actuated import Actuated
 from walkerkit.walkers.drivetrain import Drivetrain
@@ -135,8 +134,6 @@ class RobotLog:
         """Where the actuators of ours get their targets; returns their controls."""
         group = drivetrain.group
         place = {id(element): i for i, element in enumerate(group.elements)}
-        python: list[str] = []
-        late: list[str] = []
         elsewhere: list[str] = []
         for actuator, cfg in zip(group.actuators, group.cfgs, strict=True):
             if getattr(getattr(cfg, "base_cfg", cfg), "transmission", "joint") != "joint":
@@ -149,20 +146,6 @@ class RobotLog:
                 for target in actuator.takes:
                     column = f"{self._names[int(joint)]}/{target}"
                     self._commanded[column] = target, place[id(element)]
-            if isinstance(actuator, DelayedActuator):
-                late += () if actuator.native else actuator.joint_names
-                actuator = actuator.base
-            python += () if isinstance(actuator, NativeActuator) else actuator.joint_names
-        if python:
-            self._notes.append(
-                f"the law of {listed(python)} runs in Python, and the robot's own model has bare "
-                "motors there: compare with a model that has BuiltinPdActuatorCfg or "
-                "BuiltinPositionActuatorCfg of the same gains"
-            )
-        if late:
-            self._notes.append(
-                f"the delay of {listed(late)} runs in Python, and the robot's own model has none"
-            )
         if elsewhere:
             self._notes.append(f"{listed(elsewhere)} are tendons or sites, which no log has")
         return [int(ctrl) for ctrl in group.ctrl_ids]

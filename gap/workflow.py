@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.blas import on_one_thread
 from walkerkit.gap.effects import CATALOGUE, Effect
+from walkerkit.gap.effects.base import add_users_effect, identity, users_effects
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings import base
 from walkerkit.gap.recordings.checks import (
@@ -67,6 +68,7 @@ from walkerkit.walkers.batch import counted_warnings, without_warnings
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.5  # s
+OneOrMoreEffects = str | Effect | type[Effect] | Sequence[str | Effect | type[Effect]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +130,7 @@ def diagnose(
     held_out: OneOrMore = (),
     skip: Sequence[str] = (),
     window: float = WINDOW,
-    effects: str | Sequence[str] | None = None,
+    effects: OneOrMoreEffects | None = None,
     n_threads: int = 0,
     allow_code: bool = False,
     allow_outside: bool = False,
@@ -146,7 +148,8 @@ def diagnose(
         skip: spans of time that are left out, as "walk.csv=8.0:8.6", or "8.0:8.6" of the only one.
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
-        effects: names of the effects to consider, or one; all by default.
+        effects: the effects to consider, or one: names, or effects of your own; all by default, to
+            which those belong that you have defined.
         n_threads: threads of the simulation, and processes of its laws, 0 for all cores. Results
             do not depend on it.
         allow_code: a manifest may name `package.module:callable` as a model.
@@ -187,7 +190,7 @@ def diagnose(
         key = run_key(
             setup.robots,
             (*setup.fitted, *setup.held_out),
-            (kind, setup.window, setup.may_split_in_time, [effect.name for effect in chosen]),
+            (kind, setup.window, setup.may_split_in_time, [identity(effect) for effect in chosen]),
         )
         files = main_files(setup.robots)
         with claimed(Path(out), key, files, overwrite=overwrite, kind=kind) as save:
@@ -365,15 +368,19 @@ def _check_shared_joints(robots: Sequence[Robot], experiments: Sequence[Experime
                     )
 
 
-def effect_names(names: str | Sequence[str] | None) -> tuple[str, ...] | None:
+def effect_names(effects: OneOrMoreEffects | None) -> tuple[str, ...] | None:
     """Names of effects, a single one as a tuple of one; None stays for all.
 
+    Args:
+        effects: names, effects, or their classes; what is of a user's own joins the catalogue.
+
     Raises:
-        InputError: one of them is not in the catalogue.
+        InputError: one of them is not in the catalogue, or no effect.
     """
-    if names is None:
+    if effects is None:
         return None
-    listed = (names,) if isinstance(names, str) else tuple(names)
+    one = isinstance(effects, str | Effect | type)
+    listed = tuple(map(_name_of, (effects,) if one else effects))  # type: ignore[arg-type]
     for name in listed:
         if name not in CATALOGUE:
             raise InputError(
@@ -383,8 +390,33 @@ def effect_names(names: str | Sequence[str] | None) -> tuple[str, ...] | None:
     return listed
 
 
-def _effects(names: str | Sequence[str] | None) -> list[Effect]:
-    chosen = effect_names(names)
+def effects_to_send(effects: OneOrMoreEffects | None) -> tuple[str | Effect, ...] | None:
+    """As `effect_names`, with a user's own as objects, which another process does not know by name.
+
+    None stays where a user has defined none.
+    """
+    chosen, own = effect_names(effects), users_effects()
+    if chosen is None and own:
+        chosen = tuple(CATALOGUE)
+    return None if chosen is None else tuple(own.get(name, name) for name in chosen)
+
+
+def _name_of(effect: str | Effect | type[Effect]) -> str:
+    if isinstance(effect, str):
+        return effect
+    if isinstance(effect, type) and issubclass(effect, Effect) and not effect.__abstractmethods__:
+        effect = effect()
+    if not isinstance(effect, Effect):
+        raise InputError(
+            f"effects has {effect!r}, which is neither the name of an effect nor an effect. Give "
+            "the name, or an object of a subclass of walkerkit.gap.effects.Effect."
+        )
+    add_users_effect(effect)
+    return effect.name
+
+
+def _effects(effects: OneOrMoreEffects | None) -> list[Effect]:
+    chosen = effect_names(effects)
     return [effect for name, effect in CATALOGUE.items() if chosen is None or name in chosen]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -53,6 +53,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Puts the longest files first."""
     place = {ROOT / "tests" / name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path, len(place)))
+
+
+@pytest.fixture(autouse=True)
+def effects_end_with_their_test() -> Iterator[None]:
+    """Takes effects that a test defines, as a user does, out of the catalogue again."""
+    yield
+    base = sys.modules.get("walkerkit.gap.effects.base")
+    if base is not None:
+        base._users.clear()
 
 
 @pytest.fixture(scope="session")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import glob
+import importlib
 import io
 import os
 import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -35,7 +37,7 @@ def runnable(page: Path) -> list[Block]:
 
 def run(blocks: list[Block], folder: Path) -> None:
     """Runs them here, where a warning is an error; what only a shell understands, in a shell."""
-    with contextlib.chdir(folder):
+    with contextlib.chdir(folder), _importable(folder):
         for language, code in blocks:
             try:
                 _run(language, code)
@@ -44,7 +46,24 @@ def run(blocks: list[Block], folder: Path) -> None:
                 raise
 
 
+@contextlib.contextmanager
+def _importable(folder: Path) -> Iterator[None]:
+    """Lets modules that a reader saves in the folder be imported, for as long."""
+    sys.path.insert(0, str(folder))
+    importlib.invalidate_caches()
+    try:
+        yield
+    finally:
+        sys.path.remove(str(folder))
+        for name in [path.stem for path in folder.glob("*.py")]:
+            sys.modules.pop(name, None)
+
+
 def _run(language: str, code: str) -> None:
+    named = re.match(r"# (\w+\.py)\n", code)
+    if language == "python" and named:  # a module that the reader saves
+        Path(named[1]).write_text(code, encoding="utf-8")
+        return
     # What is imported already costs a block seconds in a process of its own.
     if language == "python":
         exec(compile(code, "<block>", "exec"), {"__name__": "__main__"})

@@ -250,6 +250,11 @@ class Drivetrain:
         return np.concatenate([wanted, np.zeros(len(self.kept))])
 
     @property
+    def laws(self) -> tuple[DrivetrainLaw, ...]:
+        """The drivetrain laws of its joints."""
+        return () if self._laws is None else self._laws.laws
+
+    @property
     def changed_effort(self) -> FloatArray:
         """What laws changed of the effort that the drives report [N·m; N], (n_joints,)."""
         if self._laws is None:

@@ -129,6 +129,11 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             else tuple(moving[i] for i in select(joints, names, field="joints"))
         )
         self._end_effectors = _end_effectors(root, end_effectors)
+        for effector in self._end_effectors:
+            # dm_control adds a sensor of this name, which a file that was a walker has already.
+            sensor = root.find("sensor", f"{effector.name}_end_effector")
+            if sensor is not None:
+                sensor.remove()
         self._upright = self._home_pose(robot, home, names)
         self._add_senses()
         self.put_on(

@@ -3,9 +3,11 @@
     saved = saved_actuators("out/model.xml")
     walker = MjcfWalker.from_file("out/model.xml", saved.actuators, laws=saved.laws)
 
-`MjcfWalker.from_file("out/model.xml")` alone does the same. The file lies beside the model; without
-one the robot's own actuators are taken over as the XML has them. What lies between a joint and its
-log (`measurement`) belongs to a replay and not to a walker, which has no log.
+`MjcfWalker.from_file("out/model.xml")` alone does the same, unless the law of an actuator runs in
+Python: no file holds that, so its config has to be given to `saved_actuators`. The file lies beside
+the model; without one the robot's own actuators are taken over as the XML has them. What lies
+between a joint and its log (`measurement`) belongs to a replay and not to a walker, which has no
+log.
 """
 
 from __future__ import annotations
@@ -13,8 +15,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +31,9 @@ from walkerkit.actuators import (
     XmlVelocityActuatorCfg,
 )
 from walkerkit.actuators.drive import Drive, drives_of_joint
-from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw
-from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.drivetrain import DrivetrainLaw, UnknownLawError, law_named
+from walkerkit.actuators.errors import listed
+from walkerkit.actuators.explicit import AdoptedMotorCfg, ExplicitActuatorCfg
 from walkerkit.walkers.reading import escaped
 
 FILE = "actuators.json"
@@ -54,16 +57,21 @@ class SavedActuators:
     laws: tuple[DrivetrainLaw, ...] = ()
 
 
-def saved_actuators(path: str | Path, *, stopgap: bool = False) -> SavedActuators:
+def saved_actuators(
+    path: str | Path, *, stopgap: bool = False, in_python: Sequence[ActuatorCfg] = ()
+) -> SavedActuators:
     """Reads what belongs to a model beside its MJCF.
 
     Args:
         path: the model's file.
         stopgap: take the learned drives that the workflow left where no effect of its catalogue
             fits, instead of the drives that the model has.
+        in_python: configs of actuators whose laws run in Python; the file says which numbers they
+            have come to.
 
     Raises:
-        ValueError: the file is not one of the gap workflow's, or has no stopgap for this model.
+        ValueError: the file is not one of the gap workflow's, has no stopgap for this model, or
+            has laws in Python of which no config is given.
     """
     path = Path(path)
     beside = path.parent / FILE
@@ -77,10 +85,18 @@ def saved_actuators(path: str | Path, *, stopgap: bool = False) -> SavedActuator
             return _as_in_the_xml(path)
         learned = _learned(entry.get("stopgap", {}), path.parent) if stopgap else {}
         commands = {j: by_kind for j, by_kind in entry["command"].items() if j not in learned}
+        step = float(mujoco.MjModel.from_xml_path(str(path)).opt.timestep)
+        python = {j: of for j, of in entry.get("in_python", {}).items() if j not in learned}
         found = SavedActuators(
-            actuators=(*_taken_over(commands), *learned.values()),
+            actuators=(
+                *_taken_over(commands, step),
+                *_with_numbers(python, in_python, step, beside),
+                *learned.values(),
+            ),
             laws=_laws(entry.get("laws", {})),
         )
+    except UnknownLawError as error:
+        raise ValueError(f"{beside}: {error}") from None
     except (KeyError, TypeError, AttributeError, json.JSONDecodeError, RecursionError) as error:
         raise ValueError(
             f"{beside}: is none of the gap workflow's ({type(error).__name__}: {error}); write it "
@@ -112,20 +128,73 @@ def _as_in_the_xml(path: Path) -> SavedActuators:
     )
 
 
-def _taken_over(commands: Mapping[str, Any]) -> list[ActuatorCfg]:
+def _taken_over(commands: Mapping[str, Any], step: float) -> list[ActuatorCfg]:
     """The XML's actuators, with what a target means to each."""
     found: list[ActuatorCfg] = []
     for kind, config in _CONFIGS.items():
-        of_kind = {_exactly(j): by_kind[kind] for j, by_kind in commands.items() if kind in by_kind}
-        if of_kind:
-            found.append(
-                config(
-                    joint_names_expr=tuple(of_kind),
-                    slope={joint: _finite(scale["slope"]) for joint, scale in of_kind.items()},
-                    offset={joint: _finite(scale["offset"]) for joint, scale in of_kind.items()},
-                )
+        by_lag: dict[int, dict[str, Any]] = {}
+        for joint, by_kind in commands.items():
+            if kind in by_kind:
+                lag = round(_finite(by_kind[kind].get("late", 0.0)) / step)
+                by_lag.setdefault(lag, {})[_exactly(joint)] = by_kind[kind]
+        for lag, scales in by_lag.items():
+            base = config(
+                joint_names_expr=tuple(scales),
+                slope={joint: _finite(scale["slope"]) for joint, scale in scales.items()},
+                offset={joint: _finite(scale["offset"]) for joint, scale in scales.items()},
             )
+            found.append(_delayed(base, {kind: lag}))
     return found
+
+
+def _delayed(base: ActuatorCfg, lags: Mapping[str, int]) -> ActuatorCfg:
+    """An actuator behind a delay of so many steps, alike for the targets that have one."""
+    late = {kind: lag for kind, lag in lags.items() if lag}
+    if not late:
+        return base
+    lag = max(late.values())
+    return DelayedActuatorCfg(
+        base_cfg=base, delay_target=tuple(late), delay_min_lag=lag, delay_max_lag=lag
+    )
+
+
+def _with_numbers(
+    of_joints: Mapping[str, Any], cfgs: Sequence[ActuatorCfg], step: float, beside: Path
+) -> list[ActuatorCfg]:
+    """Configs of laws in Python with the numbers of a file, working through the XML's motors."""
+    left, found = dict(of_joints), list[ActuatorCfg]()
+    for given in cfgs:
+        cfg = getattr(given, "base_cfg", given)
+        cfg = getattr(cfg, "law_cfg", cfg)
+        if not isinstance(cfg, ExplicitActuatorCfg):
+            raise ValueError(
+                f"in_python has {given!r}, whose law does not run in Python: leave it out"
+            )
+        by_lag: dict[tuple[tuple[str, int], ...], dict[str, Any]] = {}
+        for joint in [j for j in left if _matches(cfg.joint_names_expr, j)]:
+            of = left.pop(joint)
+            lags = tuple((kind, round(_finite(late) / step)) for kind, late in of["late"].items())
+            by_lag.setdefault(lags, {})[_exactly(joint)] = of["numbers"]
+        for lags, numbers in by_lag.items():
+            changed: dict[str, Any] = {
+                item.name: {joint: _finite(own[item.name]) for joint, own in numbers.items()}
+                for item in fields(cfg)
+                if item.metadata.get("per_joint") and all(item.name in n for n in numbers.values())
+            }
+            law = replace(cfg, joint_names_expr=tuple(numbers), **changed)
+            found.append(_delayed(AdoptedMotorCfg(law_cfg=law), dict(lags)))
+    if left:
+        kinds = listed(dict.fromkeys(of["config"].rpartition(".")[2] for of in left.values()))
+        raise ValueError(
+            f"{beside}: the law of {listed(left)} runs in Python ({kinds}), which no file holds. "
+            "Give its config: saved = saved_actuators(path, in_python=[config]), and then "
+            "MjcfWalker.from_file(path, saved.actuators, laws=saved.laws)"
+        )
+    return found
+
+
+def _matches(expressions: Sequence[str], joint: str) -> bool:
+    return any(re.fullmatch(expression, escaped(joint)) for expression in expressions)
 
 
 def _laws(of_joints: Mapping[str, Any]) -> tuple[DrivetrainLaw, ...]:
@@ -136,9 +205,7 @@ def _laws(of_joints: Mapping[str, Any]) -> tuple[DrivetrainLaw, ...]:
             kinds.setdefault(name, {})[_exactly(joint)] = parameters
     found = []
     for name, of_kind in kinds.items():
-        if name not in LAWS:
-            raise KeyError(f"no law {name!r}{closest(name, LAWS)}; there are {listed(LAWS)}")
-        law = LAWS[name]
+        law = law_named(name)
         numbers = {
             parameter: {joint: _finite(given[parameter]) for joint, given in of_kind.items()}
             for parameter in law.parameter_names()
@@ -149,13 +216,13 @@ def _laws(of_joints: Mapping[str, Any]) -> tuple[DrivetrainLaw, ...]:
 
 def _learned(of_joints: Mapping[str, Any], folder: Path) -> dict[str, ActuatorCfg]:
     found: dict[str, ActuatorCfg] = {}
-    for joint, fields in of_joints.items():
-        own = {name: value for name, value in fields.items() if name != "lag"}
-        own["network_file"] = folder / fields["network_file"]
+    for joint, given in of_joints.items():
+        own = {name: value for name, value in given.items() if name != "lag"}
+        own["network_file"] = folder / given["network_file"]
         if not own["network_file"].resolve().is_relative_to(folder.resolve()):
-            raise TypeError(f"network_file {fields['network_file']!r} lies outside of {folder}")
+            raise TypeError(f"network_file {given['network_file']!r} lies outside of {folder}")
         drive = LearnedMlpActuatorCfg(joint_names_expr=(_exactly(joint),), **own)
-        lag = int(fields["lag"])
+        lag = int(given["lag"])
         found[joint] = (
             DelayedActuatorCfg(base_cfg=drive, delay_min_lag=lag, delay_max_lag=lag)
             if lag

@@ -3,7 +3,7 @@
     from walkerkit.actuators.drivetrain import LAWS
     LAWS["stribeck_friction"](joint_names_expr=(".*",), breakaway=0.3, velocity=0.05)
 
-A law is a class in the file of its family.
+A law is a class in the file of its family, or a class of a user's own: `docs/own_actuator.md`.
 """
 
 from walkerkit.actuators.drivetrain.bank import LawBank
@@ -36,7 +36,7 @@ from walkerkit.actuators.drivetrain.friction import (
 )
 from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
 from walkerkit.actuators.drivetrain.load_side import LoadSideFeedback
-from walkerkit.actuators.drivetrain.registry import LAWS
+from walkerkit.actuators.drivetrain.registry import LAWS, UnknownLawError, in_order, law_named
 from walkerkit.actuators.drivetrain.runner import LawRunner
 
 __all__ = [
@@ -67,5 +67,8 @@ __all__ = [
     "SupplyVoltage",
     "TorqueRipple",
     "TorqueSpeedLimit",
+    "UnknownLawError",
     "VelocityFilter",
+    "in_order",
+    "law_named",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Parameters, Stage, State, Step
-from walkerkit.actuators.drivetrain.registry import LAWS
+from walkerkit.actuators.drivetrain.registry import in_order
 
 FloatArray = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ _REPLACED = (  # by some laws
 
 
 class LawBank:
-    """Laws that act within their stage in the order of `LAWS`, whatever that in which they come.
+    """Laws that act within their stage as `in_order` has them, whatever order they come in.
 
     Args:
         laws: classes of the laws, each with its parameters, (n_joints,) or (n_sims, n_joints);
@@ -43,7 +43,7 @@ class LawBank:
         self._shape = shape
         self._dt = dt
         self._laws: list[_AtWork] = []
-        order = [*LAWS.values(), *(law for law, _ in laws)]
+        order = in_order(law for law, _ in laws)
         for law, p in sorted(laws, key=lambda of: order.index(of[0])):
             sims = _acting(law, p) if sparse else None
             own = p if sims is None else {name: values[sims] for name, values in p.items()}

@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 SOON = 0.05
 """Of a step: when its beginning is looked at, by which time what has no memory has followed."""
 Stage = Literal["controller", "drive", "joint"]
+_DEFINED: dict[str, type[DrivetrainLaw]] = {}
 
 
 @dataclass(kw_only=True, eq=False)
@@ -107,7 +108,29 @@ class DrivetrainLaw(abc.ABC):
 
     joint_names_expr: tuple[str, ...] = names()
 
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        name = cls.__dict__.get("name")
+        if name is None:
+            if hasattr(cls, "name"):
+                raise ValueError(
+                    f"{cls.__qualname__} has the name {cls.name!r} of {cls.__mro__[1].__qualname__}"
+                    ": give it a `name` of its own, by which files know it"
+                )
+            return  # a base of several laws
+        if _ours(_DEFINED.get(name)) and not _ours(cls):
+            raise ValueError(
+                f"name is {name!r} of the law {cls.__qualname__}, but walkerkit has a law of that "
+                "name: give yours another one"
+            )
+        _DEFINED[name] = cls  # a class that is defined again, as in a notebook, replaces the old
+
     def __post_init__(self) -> None:
+        if set(self.neutral) != set(self.parameter_names()):
+            raise TypeError(
+                f"{type(self).__qualname__} has the parameters {list(self.parameter_names())} and "
+                f"neutral values for {list(self.neutral)}: `neutral` needs one for each parameter"
+            )
         for item in fields(self):
             if "check" in item.metadata:
                 value = item.metadata["check"](item.name, getattr(self, item.name))
@@ -161,6 +184,15 @@ class DrivetrainLaw(abc.ABC):
         """Its parameters, one number for each of these joints."""
         values: dict[str, Numbers] = {name: getattr(self, name) for name in self.parameter_names()}
         return {name: per_joint(value, joints, field=name) for name, value in values.items()}
+
+
+def defined_laws() -> dict[str, type[DrivetrainLaw]]:
+    """Every law that was defined in this process, by name: walkerkit's and those of users."""
+    return dict(_DEFINED)
+
+
+def _ours(law: type[DrivetrainLaw] | None) -> bool:
+    return law is not None and law.__module__.startswith("walkerkit.")
 
 
 def first(remembered: FloatArray, now: FloatArray) -> FloatArray:

@@ -165,6 +165,11 @@ class LawRunner:
         self._time += step.dt
 
     @property
+    def laws(self) -> tuple[DrivetrainLaw, ...]:
+        """The laws."""
+        return self._laws
+
+    @property
     def changed_effort(self) -> FloatArray:
         """What laws changed of the effort that the drives report, in the last step [N·m; N]."""
         self._started()

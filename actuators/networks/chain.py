@@ -7,12 +7,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.networks.activations import ACTIVATIONS
 from walkerkit.actuators.networks.checks import frozen_floats
 from walkerkit.actuators.networks.mlp import Mlp
 
 FloatArray = NDArray[np.float64]
 
+_USABLE = [name for name in ACTIVATIONS if name != "identity"]
 TOLERANCE = 1e-6  # of the largest output
+SINGLE_TOLERANCE = 1e-5  # where the source can only be asked in single precision
 _ROWS = 256
 
 
@@ -28,6 +31,7 @@ class Chain:
         self.source = source
         self.current = current
         self._softsign: dict[str, str] = {}  # value → what it is of the current one
+        self._pending: tuple[FloatArray, FloatArray] | None = None  # scale, shift of what follows
         self._weights: list[FloatArray] = []
         self._biases: list[FloatArray | None] = []
         self._activations: list[str | None] = []
@@ -43,6 +47,10 @@ class Chain:
             bias = None if bias is None else frozen_floats("bias", bias, (len(weight),))
         except ValueError as error:
             raise ValueError(f"{self.source}: {where}: {error}") from error
+        if self._pending is not None:
+            scale, shift = self._spread(where, weight.shape[1], *self._pending)
+            bias = weight @ shift + (0.0 if bias is None else bias)
+            weight, self._pending = weight * scale, None
         self._weights.append(weight)
         self._biases.append(bias)
         self._activations.append(None)
@@ -53,12 +61,45 @@ class Chain:
         Raises:
             ValueError: The last operation is not such a layer, or the shape is another one.
         """
-        if not self._weights or self._biases[-1] is not None or self._activations[-1] is not None:
+        if not self.lacks_bias:
             raise self.refusal(where, "it does not directly follow a linear layer without a bias")
         try:
             self._biases[-1] = frozen_floats("bias", bias, (len(self._weights[-1]),))
         except ValueError as error:
             raise ValueError(f"{self.source}: {where}: {error}") from error
+
+    @property
+    def lacks_bias(self) -> bool:
+        """The last operation is a linear layer to which no bias was added yet."""
+        return bool(self._weights) and self._biases[-1] is None and self._activations[-1] is None
+
+    def affine(self, where: str, scale: FloatArray | float, shift: FloatArray | float) -> None:
+        """Adds scale · x + shift, element by element, to the linear layer before or behind it.
+
+        Args:
+            where: the operation, for errors.
+            scale: numbers of any shape that has one of them, or one for each element.
+            shift: the same.
+
+        Raises:
+            ValueError: These are not finite numbers of such shapes.
+        """
+        scale, shift = (_flat(self, where, one) for one in (scale, shift))
+        if not self._weights or self._activations[-1] is not None:
+            before = (np.ones(1), np.zeros(1)) if self._pending is None else self._pending
+            self._pending = scale * before[0], scale * before[1] + shift
+            return
+        weight, bias = self._weights[-1], self._biases[-1]
+        scale, shift = self._spread(where, len(weight), scale, shift)
+        self._weights[-1] = scale[:, None] * weight
+        self._biases[-1] = shift + (0.0 if bias is None else scale * bias)
+
+    def _spread(self, where: str, n: int, *numbers: FloatArray) -> list[FloatArray]:
+        """Numbers of n elements each, of which there may be one alone."""
+        for one in numbers:
+            if one.shape not in ((1,), (n,)):
+                raise self.refusal(where, f"it has {len(one)} numbers for {n} elements")
+        return [np.broadcast_to(one, (n,)) for one in numbers]
 
     def activation(self, where: str, name: str) -> None:
         """Adds an activation.
@@ -66,7 +107,7 @@ class Chain:
         Raises:
             ValueError: It does not directly follow a linear layer.
         """
-        if not self._weights or self._activations[-1] is not None:
+        if not self._weights or self._activations[-1] is not None or self._pending is not None:
             raise self.refusal(where, "it does not directly follow a linear layer")
         self._activations[-1] = name
 
@@ -106,9 +147,8 @@ class Chain:
         """The error for an operation that an `Mlp` does not have."""
         return ValueError(
             f"{self.source}: {where} cannot be converted: {why}. A network should be a plain chain "
-            "of linear layers, each followed by at most one of elu (alpha 1), relu, tanh, "
-            "softsign or sigmoid; put scales into the actuator's pos_scale, vel_scale and "
-            "torque_scale"
+            f"of linear layers, each followed by at most one of {', '.join(_USABLE)}, with fixed "
+            "scales and offsets before, between and behind them"
         )
 
     def build(self) -> Mlp:
@@ -122,6 +162,11 @@ class Chain:
                 f"{self.source}: there is no linear layer: give the network itself, not a part of "
                 "it"
             )
+        if self._pending is not None:  # behind the last activation
+            n = len(self._weights[-1])
+            scale, shift = self._spread("the last scale", n, *self._pending)
+            self._pending = None
+            self.linear("the last scale", np.diag(scale), shift)
         try:
             return Mlp(
                 weights=self._weights,
@@ -133,6 +178,22 @@ class Chain:
             )
         except ValueError as error:
             raise ValueError(f"{self.source}: {error}") from error
+
+
+def inverse(numbers: FloatArray | float) -> FloatArray:
+    """One over numbers; infinite where they are 0, which a chain refuses."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / np.asarray(numbers, dtype=np.float64))
+
+
+def _flat(chain: Chain, where: str, value: FloatArray | float) -> FloatArray:
+    """One number, or one for each element, as a vector: only the last axis may be long."""
+    array = np.asarray(value, dtype=np.float64)
+    if array.size != array.shape[-1:][0] if array.ndim else False:
+        raise chain.refusal(where, f"its numbers have the shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise chain.refusal(where, "its numbers are not finite")
+    return array.reshape(-1)
 
 
 def verify(

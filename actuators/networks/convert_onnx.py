@@ -2,21 +2,24 @@
 
     convert_onnx("ankle.onnx", "ankle.npz")
 
-The graph has to be a plain chain of Gemm, or MatMul and Add, each followed by at most one of Elu
-(alpha 1), Relu, Tanh, Softsign or Sigmoid. Before anything is saved, the network is held against
+The graph has to be a plain chain of Gemm, or MatMul and Add, each followed by at most one of the
+activations of `networks.activations`; Add, Sub, Mul, Div and BatchNormalization with constants
+become part of the layers. Before anything is saved, the network is held against
 ONNX's own reference evaluator on random inputs, to 1e-6 of the largest output.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.networks.activations import named
 from walkerkit.actuators.networks.archive import check_npz
-from walkerkit.actuators.networks.chain import Chain, verify
+from walkerkit.actuators.networks.chain import Chain, inverse, verify
 from walkerkit.actuators.networks.mlp import Mlp
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +31,7 @@ _ACTIVATIONS = {
     "Softsign": "softsign",
     "Sigmoid": "sigmoid",
 }
+_AFFINE = {"Add", "Sub", "Mul", "Div", "Neg"}
 
 
 def convert_onnx(path: Path | str, out: Path | str) -> Mlp:
@@ -101,6 +105,8 @@ class _Reader:
         self._constants: dict[str, NDArray[Any]] = {
             tensor.name: onnx.numpy_helper.to_array(tensor) for tensor in graph.initializer
         }
+        self._uses = Counter(name for node in graph.node for name in node.input)
+        self._sigmoid = ""  # what may be the sigmoid in x σ(x)
         # Files of IR version 3 list initializers among the inputs.
         inputs = [value.name for value in graph.input if value.name not in self._constants]
         self._chain = Chain(source)
@@ -134,6 +140,12 @@ class _Reader:
         adds_one = bool(np.all(self._constants.get(inputs[-1] if inputs else "", 0.0) == 1.0))
         if chain.is_softsign(where, kind.lower(), inputs, node.output[0], adds_one=adds_one):
             return
+        if self._is_silu(where, node, inputs):
+            return
+        if kind in _AFFINE and chain.current in inputs and not self._is_bias(kind, inputs):
+            chain.affine(where, *self._affine(where, kind, inputs))
+            chain.advance(node.output[0])
+            return
         if kind == "Add" and inputs[0] in self._constants:
             inputs.reverse()
         if inputs[:1] != [chain.current]:
@@ -144,13 +156,63 @@ class _Reader:
             chain.linear(where, self._constant(where, inputs[1]).T, None)
         elif kind == "Add":
             chain.bias(where, self._constant(where, inputs[1]).reshape(-1))
-        elif kind == "Elu" and attributes.get("alpha", 1.0) != 1.0:
-            raise chain.refusal(where, f"its alpha is {attributes['alpha']}")
+        elif kind == "Elu":
+            chain.activation(where, named("elu", float(attributes.get("alpha", 1.0))))
+        elif kind == "LeakyRelu":
+            slope = float(np.float32(attributes.get("alpha", 0.01)).astype(str))
+            chain.activation(where, named("leaky_relu", slope))
+        elif kind == "Gelu":
+            tanh = attributes.get("approximate", b"none") == b"tanh"
+            chain.activation(where, "gelu_tanh" if tanh else "gelu")
+        elif kind == "BatchNormalization":
+            scale, bias, mean, variance = (self._constant(where, name) for name in inputs[1:5])
+            scale = scale / np.sqrt(variance + attributes.get("epsilon", 1e-5))
+            chain.affine(where, scale, bias - scale * mean)
         elif kind in _ACTIVATIONS:
             chain.activation(where, _ACTIVATIONS[kind])
         elif kind != "Identity":
             raise chain.refusal(where, "it is neither a linear layer nor such an activation")
         chain.advance(node.output[0])
+
+    def _is_silu(self, where: str, node: Any, inputs: list[str]) -> bool:
+        """Takes an operation that is a part of x σ(x), as exporters write silu."""
+        chain = self._chain
+        if node.op_type == "Sigmoid" and inputs == [chain.current]:
+            if self._uses[chain.current] < 2:
+                return False
+            self._sigmoid = node.output[0]
+            return True
+        if node.op_type == "Mul" and set(inputs) == {chain.current, self._sigmoid}:
+            chain.activation(where, "silu")
+            chain.advance(node.output[0])
+            return True
+        return False
+
+    def _is_bias(self, kind: str, inputs: list[str]) -> bool:
+        """Whether it is the bias behind a MatMul."""
+        other = [name for name in inputs if name != self._chain.current]
+        return (
+            kind == "Add"
+            and self._chain.lacks_bias
+            and len(other) == 1
+            and self._constants.get(other[0], np.zeros(())).size > 1
+        )
+
+    def _affine(self, where: str, kind: str, inputs: list[str]) -> tuple[Any, Any]:
+        """Scale and shift of an operation with a constant."""
+        if kind == "Neg":
+            return -1.0, 0.0
+        mine = inputs.index(self._chain.current)
+        other = self._constant(where, inputs[1 - mine])
+        if kind == "Mul":
+            return other, 0.0
+        if kind == "Div":
+            if mine:
+                raise self._chain.refusal(where, "it divides by the layer before it")
+            return inverse(other), 0.0
+        if kind == "Add":
+            return 1.0, other
+        return (-1.0, other) if mine else (1.0, -other)
 
     def _read_gemm(self, where: str, inputs: list[str], attributes: dict[str, Any]) -> None:
         if attributes.get("transA", 0):

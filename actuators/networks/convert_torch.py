@@ -4,10 +4,11 @@
     convert_torch("weights.pt", "ankle.npz", activations=("elu", "elu", "identity"))
     convert_torch(module, "ankle.npz")                        # a torch.nn.Module
 
-A network has to be a plain chain of linear layers, each followed by at most one of elu (alpha 1),
-relu, tanh, softsign or sigmoid. A state dict holds weights only: its activations have to be given,
-one for each layer, and its layers are taken in the order in which it lists them. No pickled object
-is ever loaded.
+A network has to be a plain chain of linear layers, each followed by at most one of the activations
+of `networks.activations`. Fixed scales, offsets, means and deviations (also a batch norm's) before,
+between and behind them become part of the layers. A state dict holds weights only: its activations
+have to be given, one for each layer, and its layers are taken in the order in which it lists them.
+No pickled object is ever loaded.
 
 Before anything is saved, the network is held against its source on random inputs, to 1e-6 of the
 largest output. (A frozen TorchScript file can only be asked in the precision of its constants; in
@@ -23,9 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.networks.activations import check_activation
+from walkerkit.actuators.networks.activations import check_activation, split
 from walkerkit.actuators.networks.archive import check_npz
-from walkerkit.actuators.networks.chain import TOLERANCE, Chain, verify
+from walkerkit.actuators.networks.chain import SINGLE_TOLERANCE, TOLERANCE, Chain, verify
 from walkerkit.actuators.networks.mlp import Mlp
 from walkerkit.actuators.networks.torch_files import (
     as_array,
@@ -36,8 +37,6 @@ from walkerkit.actuators.networks.torch_files import (
 from walkerkit.actuators.networks.torch_graph import GraphReader
 
 FloatArray = NDArray[np.float64]
-
-_SINGLE_TOLERANCE = 1e-5  # of the largest output
 
 
 def convert_torch(source: Any, out: Path | str, *, activations: Sequence[str] | None = None) -> Mlp:
@@ -90,7 +89,7 @@ def _from_module(name: str, module: Any) -> Mlp:
         with torch.no_grad():
             return as_array(module(torch.from_numpy(x).to(dtype)))
 
-    verify(name, mlp, evaluate, tolerance=_SINGLE_TOLERANCE if is_single else TOLERANCE)
+    verify(name, mlp, evaluate, tolerance=SINGLE_TOLERANCE if is_single else TOLERANCE)
     return mlp
 
 
@@ -154,5 +153,14 @@ def _evaluate_state(
     for layer, activation in zip(layers, activations, strict=True):
         double = {kind: tensor.detach().cpu().double() for kind, tensor in layer.items()}
         y = torch.nn.functional.linear(y, double["weight"], double.get("bias"))
-        y = y if activation == "identity" else getattr(torch.nn.functional, activation)(y)
+        y = _activated(torch.nn.functional, y, activation)
     return as_array(y)
+
+
+def _activated(functional: Any, y: Any, activation: str) -> Any:
+    plain, number = split(activation)
+    if plain == "identity":
+        return y
+    if plain == "gelu_tanh":
+        return functional.gelu(y, approximate="tanh")
+    return getattr(functional, plain)(y, *([] if number is None else [number]))

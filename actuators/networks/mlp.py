@@ -6,8 +6,9 @@
     mlp(features)                    # the same, slower and in a new array
 
 **File.** `.npz` with `format` ("walkerkit.mlp"), `version` (1), `activations` (one name per layer:
-elu, relu, tanh, softsign, sigmoid, identity) and, for layer k from 0, `weight_k` (outputs, inputs)
-and `bias_k` (outputs,) in float64 or float32. Layer k is `activation_k(weight_k @ x + bias_k)`.
+those of `networks.activations`, as elu, elu(0.5), relu or identity) and, for layer k from 0,
+`weight_k` (outputs, inputs) and `bias_k` (outputs,) in float64 or float32. Layer k is
+`activation_k(weight_k @ x + bias_k)`.
 
 **Rounding.** All is computed in float64. BLAS sees the last two axes of the input at a time, so
 inputs (n_sims, n_joints, n_inputs) give bit for bit what each simulation gives by itself, and a
@@ -26,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators.networks import archive
-from walkerkit.actuators.networks.activations import ACTIVATIONS, check_activation
+from walkerkit.actuators.networks.activations import activation, check_activation
 from walkerkit.actuators.networks.checks import check_shape, frozen_floats
 
 FloatArray = NDArray[np.float64]
@@ -161,9 +162,9 @@ class MlpForward:
                 before,
                 after,
                 np.empty_like(after),
-                ACTIVATIONS[activation],
+                activation(name),
             )
-            for weight, bias, activation, before, after in zip(
+            for weight, bias, name, before, after in zip(
                 mlp.weights, mlp.biases, mlp.activations, augmented[:-1], values[1:], strict=True
             )
         ]

@@ -12,15 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from walkerkit.actuators.networks.chain import Chain
+from walkerkit.actuators.networks.activations import named
+from walkerkit.actuators.networks.chain import Chain, inverse
 from walkerkit.actuators.networks.torch_files import as_array
 
-# aten operation without its in-place underscore → numbers among its arguments, which have to be 1.
-_ACTIVATIONS = {"elu": 3, "relu": 0, "tanh": 0, "sigmoid": 0}
+_ACTIVATIONS = {"relu", "tanh", "sigmoid", "silu"}
+_AFFINE = {"add", "sub", "rsub", "mul", "div", "neg"}
 
 
 class GraphReader:
     """Reads the graph of a frozen module."""
+
+    affine_kinds = frozenset(_AFFINE)
 
     def __init__(self, source: str, module: Any, frozen: Any):
         """Makes a reader.
@@ -45,8 +48,10 @@ class GraphReader:
             raise self._chain.refusal("forward", f"it takes {len(inputs)} inputs, not one")
         self._chain.current = inputs[0]
         for node in self._graph.nodes():
-            if node.kind() != "prim::Constant":
-                self._read_node(node)
+            if any(value.type().kind() == "TensorType" for value in node.outputs()) and (
+                node.kind() != "prim::Constant"
+            ):
+                self._read_node(node)  # the others ask for sizes, and complain
         outputs = [value.debugName() for value in self._graph.outputs()]
         if outputs != [self._chain.current]:
             raise self._chain.refusal("forward", "it returns something else than its last layer")
@@ -61,7 +66,9 @@ class GraphReader:
         output = "" if node.outputsSize() != 1 else node.output().debugName()
         if self._chain.is_softsign(where, kind, names, output, adds_one=adds_one):
             return
-        if kind == "addmm" and names[1] == self._chain.current:
+        if kind in _AFFINE and self._chain.current in names and not self._is_bias(kind, constants):
+            self._chain.affine(where, *self._affine(where, kind, names, constants))
+        elif kind == "addmm" and names[1] == self._chain.current:
             bias, _, weight, *factors = constants
             self._check_ones(where, factors)
             self._chain.linear(where, self._array(where, weight).T, self._array(where, bias))
@@ -79,17 +86,62 @@ class GraphReader:
         elif kind == "add":
             self._check_ones(where, constants[2:])
             self._chain.bias(where, self._array(where, constants[1]))
+        elif kind == "batch_norm":
+            self._chain.affine(where, *self._normalised(where, constants))
+        elif kind == "elu":
+            alpha, *factors = constants[1:4]
+            self._check_ones(where, factors)
+            self._chain.activation(where, named("elu", float(alpha)))
+        elif kind == "leaky_relu":
+            self._chain.activation(where, named("leaky_relu", float(constants[1])))
+        elif kind == "gelu":
+            exact = constants[1] == "none"
+            self._chain.activation(where, "gelu" if exact else "gelu_tanh")
         elif kind in _ACTIVATIONS:
-            numbers = constants[1 : 1 + _ACTIVATIONS[kind]]
-            self._check_ones(where, numbers)
             self._chain.activation(where, kind)
         else:
             raise self._chain.refusal(where, "it is neither a linear layer nor such an activation")
         self._chain.advance(output)
 
+    def _is_bias(self, kind: str, constants: list[Any]) -> bool:
+        """Whether it is the bias that older PyTorch adds behind a product of matrices."""
+        return kind == "add" and self._chain.lacks_bias and getattr(constants[1], "ndim", 0) == 1
+
+    def _affine(
+        self, where: str, kind: str, names: list[str], constants: list[Any]
+    ) -> tuple[Any, Any]:
+        """Scale and shift of an operation with a constant."""
+        if kind == "neg":
+            return -1.0, 0.0
+        mine = names.index(self._chain.current)
+        other = self._number(where, constants[1 - mine])
+        if kind in ("mul", "div"):
+            if kind == "div" and (mine or (len(constants) > 2 and constants[2] is not None)):
+                raise self._chain.refusal(where, "it divides by the layer before it, or rounds")
+            return (other, 0.0) if kind == "mul" else (inverse(other), 0.0)
+        factor = 1.0 if len(constants) < 3 else float(constants[2])  # of the second
+        first, second = {"add": (1.0, factor), "sub": (1.0, -factor), "rsub": (-factor, 1.0)}[kind]
+        if mine:
+            return second, first * other
+        return first, second * other
+
+    def _normalised(self, where: str, constants: list[Any]) -> tuple[Any, Any]:
+        """Scale and shift of a batch norm that does not learn any more."""
+        weight, bias, mean, variance, training, _, epsilon = constants[1:8]
+        if training or mean is None or variance is None:
+            raise self._chain.refusal(where, "it takes its means from what it is given")
+        scale = 1.0 / np.sqrt(as_array(variance) + epsilon)
+        scale = scale if weight is None else scale * as_array(weight)
+        return scale, (0.0 if bias is None else as_array(bias)) - scale * as_array(mean)
+
+    def _number(self, where: str, constant: Any) -> Any:
+        if isinstance(constant, int | float):
+            return np.float64(constant)
+        return self._array(where, constant)
+
     def _array(self, where: str, constant: Any) -> Any:
         if constant is None or not hasattr(constant, "detach"):
-            raise self._chain.refusal(where, "its weights are not constant")
+            raise self._chain.refusal(where, "its numbers are not constant")
         return as_array(constant)
 
     def _check_ones(self, where: str, numbers: list[Any]) -> None:

@@ -1,16 +1,25 @@
-"""The catalogue of effects: every concrete `Effect` in this package, by its name.
+"""The catalogue of effects: every concrete `Effect`, by its name.
 
     from walkerkit.gap.effects import CATALOGUE
     CATALOGUE["coulomb_friction"].equation
 
 A new effect is a class in the file of its family; a new family is a new file. Nothing else changes.
+An effect that a user defines in a module of his own follows those of this package, and so do those
+of packages that name their modules in the entry points of the group `walkerkit.effects`.
 """
 
 import importlib
 import pkgutil
-from types import MappingProxyType
+from collections.abc import Iterator, Mapping
 
-from walkerkit.gap.effects.base import EVERYWHERE, Effect, JointEffect, Parameter, registered
+from walkerkit.gap.effects.base import (
+    EVERYWHERE,
+    Effect,
+    JointEffect,
+    Parameter,
+    registered,
+    users_effects,
+)
 
 # The order in which effects are listed, and in which ties are broken: the usual suspects first.
 _FAMILIES = (
@@ -31,6 +40,26 @@ _others = sorted({module.name for module in pkgutil.iter_modules(__path__)} - {*
 for _family in (*_FAMILIES, *_others):
     importlib.import_module(f"{__name__}.{_family}")
 
-CATALOGUE = MappingProxyType(registered())
+from walkerkit.gap.effects.law import LawEffect  # noqa: E402  its family comes in its order
 
-__all__ = ["CATALOGUE", "EVERYWHERE", "Effect", "JointEffect", "Parameter"]
+
+class Catalogue(Mapping[str, Effect]):
+    """Effects by name: those of this package, and then those that users have defined by now."""
+
+    def __init__(self) -> None:
+        self._ours = registered()
+
+    def __getitem__(self, name: str) -> Effect:
+        own = self._ours.get(name)
+        return users_effects()[name] if own is None else own
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self._ours, *users_effects()))
+
+    def __len__(self) -> int:
+        return len(self._ours) + len(users_effects())
+
+
+CATALOGUE = Catalogue()
+
+__all__ = ["CATALOGUE", "EVERYWHERE", "Effect", "JointEffect", "LawEffect", "Parameter"]

@@ -10,6 +10,13 @@ from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
+_LIMIT = "effort_limit"  # of laws in Python that have one
+
+
+def _has(robot: Robot, joint: str, number: str) -> bool:
+    """Whether the drive has a gain: a law in Python may be a network, or have none of the name."""
+    return not robot.joints[joint].in_python or robot.number(joint, number) is not None
+
 
 def _servo(robot: Robot, joint: str) -> Drive | None:
     """The position servo of a joint; none that drives it away from its target."""
@@ -30,7 +37,7 @@ class PositionGain(JointEffect):
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Joints with a position actuator."""
-        return _servo(robot, joint) is not None
+        return _servo(robot, joint) is not None and _has(robot, joint, "stiffness")
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """The gain to add."""
@@ -52,6 +59,9 @@ class PositionGain(JointEffect):
         joint = trials.robot.joints[site]
         drive = joint.drive("position")
         if drive is None:
+            return
+        if joint.in_python:
+            trials.number(site, "stiffness")[:] += values[:, 0]
             return
         factor = 1 + values[:, 0] / drive.stiffness
         trials.field("actuator_gainprm")[:, drive.actuator, 0] *= factor
@@ -76,7 +86,7 @@ class VelocityGain(JointEffect):
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Joints with a position or velocity actuator."""
-        return self._drive(robot, joint) is not None
+        return self._drive(robot, joint) is not None and _has(robot, joint, "damping")
 
     @staticmethod
     def _drive(robot: Robot, joint: str) -> Drive | None:
@@ -107,6 +117,9 @@ class VelocityGain(JointEffect):
         """Lowers the velocity bias; a velocity target's gain goes with it."""
         drive = self._drive(trials.robot, site)
         if drive is None:
+            return
+        if drive.in_python:
+            trials.number(site, "damping")[:] += values[:, 0]
             return
         gear = float(trials.robot.model.actuator_gear[drive.actuator, 0])
         bias = trials.field("actuator_biasprm")[:, drive.actuator]
@@ -233,6 +246,9 @@ class EffortLimit(JointEffect):
 
     @staticmethod
     def _known(robot: Robot, joint: str) -> float:
+        own = robot.number(joint, _LIMIT)
+        if own is not None:
+            return own
         drive = robot.joints[joint].drives[0]
         if not robot.model.actuator_forcelimited[drive.actuator]:
             return float("inf")
@@ -246,6 +262,9 @@ class EffortLimit(JointEffect):
         gear = abs(float(robot.model.actuator_gear[drive.actuator, 0]))
         limit = values[:, 0]
         changed = limit != self.parameters(robot, site)[0].zero
+        if robot.number(site, _LIMIT) is not None:
+            trials.number(site, _LIMIT)[changed] = limit[changed]
+            return
         # What a torque constant did to the range before stays a factor of it.
         strength = 1 / trials.effort_scale[site][changed]
         bound = strength * limit[changed] / gear

@@ -1,6 +1,7 @@
 """What an effect is: a name, an equation, parameters at sites, and how they enter a robot.
 
-An effect is one small class in a file of its family. Writing it registers it:
+An effect is one small class, in a file of its family or in a user's own module. Writing it
+registers it, wherever it is written:
 
     class ViscousFriction(Effect):
         name = "viscous_friction"
@@ -17,13 +18,18 @@ has, except limits, rest angles, timesteps and the numbers of laws, which are wh
 from __future__ import annotations
 
 import abc
+import inspect
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.errors import InputError, one_line
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
@@ -32,6 +38,8 @@ SiteKind = Literal["joint", "body", "robot"]
 Part = Literal[
     "friction", "mass", "pose", "gain", "strength", "timing", "encoder", "play", "ground", ""
 ]
+ENTRY_POINTS = "walkerkit.effects"
+"""Group of the entry points by which a package names the modules, or classes, of its effects."""
 EVERYWHERE = "*"  # the site of an effect of the whole robot, and of a value shared by all joints
 
 
@@ -74,6 +82,7 @@ class Parameter:
 
 
 _defined: list[type[Effect]] = []
+_users: dict[str, type[Effect] | Effect] = {}
 
 
 class Effect(abc.ABC):
@@ -117,7 +126,11 @@ class Effect(abc.ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        _defined.append(cls)
+        if cls.__module__.startswith("walkerkit."):
+            _defined.append(cls)
+        elif "name" in cls.__dict__:
+            _refuse_taken(cls)
+            _users[cls.name] = cls  # defined again, as in a notebook, it replaces the old one
 
     @abc.abstractmethod
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
@@ -162,8 +175,79 @@ class JointEffect(Effect):
 
 def registered() -> dict[str, Effect]:
     """Every concrete effect of this package, by name, in the order of definition."""
-    return {
-        cls.name: cls()
-        for cls in _defined
-        if not cls.__abstractmethods__ and cls.__module__.startswith("walkerkit.")
-    }
+    return {cls.name: cls() for cls in _defined if not cls.__abstractmethods__}
+
+
+def users_effects() -> dict[str, Effect]:
+    """Every concrete effect that somebody else has defined, by name, in the order of definition.
+
+    Raises:
+        InputError: one of them does not say what the reports say of it.
+    """
+    _load_entry_points()
+    found = {}
+    for name, given in _users.items():
+        if isinstance(given, Effect):
+            found[name] = given
+        elif not given.__abstractmethods__:
+            _refuse_incomplete(given)
+            # Of a class that takes arguments there is an effect as soon as one is given.
+            if given.__init__ is object.__init__:
+                found[name] = given()
+    return found
+
+
+def add_users_effect(effect: Effect) -> None:
+    """Puts an effect that a user made himself into the catalogue.
+
+    Raises:
+        InputError: it does not say what the reports say of it.
+    """
+    _refuse_incomplete(type(effect))
+    if not type(effect).__module__.startswith("walkerkit."):
+        _users[effect.name] = effect
+
+
+def identity(effect: Effect) -> str:
+    """What tells an effect from others: its name, and of one of a user's its text besides."""
+    if type(effect).__module__.startswith("walkerkit."):
+        return effect.name
+    try:
+        text = inspect.getsource(type(effect))
+    except (OSError, TypeError):  # it was typed in
+        text = ""
+    return f"{effect.name}\n{text}"
+
+
+def _refuse_taken(cls: type[Effect]) -> None:
+    if any(known.__dict__.get("name") == cls.name for known in _defined):
+        raise ValueError(
+            f"name is {cls.name!r} of the effect {cls.__qualname__}, but walkerkit has an effect "
+            "of that name: give yours another one"
+        )
+
+
+def _refuse_incomplete(cls: type[Effect]) -> None:
+    missing = [name for name in _TOLD if not isinstance(getattr(cls, name, None), str)]
+    if missing:
+        raise InputError(
+            f"the effect {cls.__module__}.{cls.__qualname__} lacks {', '.join(missing)}. Give it "
+            f'{"them" if len(missing) > 1 else "it"} as text, as in `{missing[0]} = "..."`.'
+        )
+
+
+@cache
+def _load_entry_points() -> None:
+    for entry in entry_points(group=ENTRY_POINTS):
+        try:
+            entry.load()
+        except Exception as error:  # it is somebody else's module
+            warnings.warn(
+                f"the effects of {entry.value!r} are not tried: it cannot be imported "
+                f"({type(error).__name__}: {one_line(error)})",
+                UserWarning,
+                stacklevel=2,
+            )
+
+
+_TOLD = ("name", "equation", "symptom", "added_as", "source")

@@ -125,6 +125,7 @@ def _driven_by_gain_alone(robot: Robot, joints: Sequence[str]) -> bool:
     model = robot.model
     return _driven_to_positions(robot, joints) and all(
         drive.damping == 0
+        and not drive.in_python
         and not model.actuator_forcelimited[drive.actuator]
         and not (drive.in_joint_units and model.actuator_biasprm[drive.actuator, 0] != 0)
         for name in _listed(robot, joints)

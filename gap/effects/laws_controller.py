@@ -98,7 +98,8 @@ class ControllerDeadband(LawEffect):
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """Half the width of the band, tried in parts of the largest error that a joint had."""
         drive = robot.joints[site].drive("position")
-        largest = robot.excursion(site).effort / drive.stiffness if drive else 1.0
+        kp = drive.stiffness if drive else 0.0
+        largest = robot.excursion(site).effort / kp if kp > 0 else robot.excursion(site).range
         known = self.known(robot, site)["width"]
         return (
             Parameter(
@@ -130,7 +131,7 @@ class IntegralAction(LawEffect):
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """Gain and clamp; unchanged is a clamp beyond all effort that was seen."""
         drive = robot.joints[site].drive("position")
-        kp = drive.stiffness if drive else 1.0
+        kp = drive.stiffness if drive and drive.stiffness > 0 else 1.0
         peak, slide = robot.excursion(site).effort, robot.joints[site].slide
         known = self.known(robot, site)
         wide = min(known["clamp"], 4 * peak)

@@ -265,6 +265,9 @@ def _inertia_time(robot: Robot, joint: str) -> float:
 
 def _limit(robot: Robot, joint: str) -> float:
     drives = robot.joints[joint].drives
+    own = robot.number(joint, "effort_limit")
+    if own is not None:
+        return own
     if not drives or not robot.model.actuator_forcelimited[drives[0].actuator]:
         return float("inf")
     gear = float(robot.model.actuator_gear[drives[0].actuator, 0])

@@ -84,7 +84,8 @@ class EncoderGain(JointEffect):
     def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
         """Scales what the drives feed back, and what the log shows."""
         factor = 1 + values[:, :1]
-        for drive in trials.robot.joints[site].drives:
+        # Laws in Python are given what the encoder reads.
+        for drive in (d for d in trials.robot.joints[site].drives if not d.in_python):
             trials.field("actuator_biasprm")[:, drive.actuator, 1:3] *= factor
         trials.encoder_gain[site] *= factor[:, 0]
 

@@ -174,7 +174,7 @@ def _rotor(
     least = max(
         0.01 * inertia,
         *(drive.stiffness * step**2 for drive in joint.drives),
-        *(drive.damping * step for drive in joint.drives if explicit),
+        *(drive.damping * step for drive in joint.drives if explicit or drive.in_python),
     )
     starts = tuple(max(size * inertia, 2 * least) for _, _, size in tries)
     return (

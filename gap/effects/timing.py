@@ -28,7 +28,9 @@ class CommandDelay(JointEffect):
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """The delay to add; what the model has can be taken away."""
         known = min(
-            float(robot.model.actuator_delay[drive.actuator]) for drive in robot.joints[site].drives
+            float(robot.model.actuator_delay[drive.actuator])
+            + (drive.late if drive.in_python else 0)
+            for drive in robot.joints[site].drives
         )
         return (
             Parameter(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.fleet import folder as folders
@@ -16,6 +16,9 @@ from walkerkit.gap.fleet.manifest import load_fleet
 from walkerkit.gap.fleet.member import Job, Made, diagnose_member
 from walkerkit.gap.recordings.checks import check_seconds
 from walkerkit.gap.report.output import DIAGNOSIS, check_folder, check_free, write_folder
+
+if TYPE_CHECKING:
+    from walkerkit.gap.workflow import OneOrMoreEffects
 
 SCHEMA = 1
 WINDOW = 0.5  # s, as `diagnose` has it
@@ -84,7 +87,7 @@ def diagnose_fleet(
     address: str | None = None,
     workers: int | None = None,
     window: float = WINDOW,
-    effects: str | Sequence[str] | None = None,
+    effects: OneOrMoreEffects | None = None,
     n_threads: int = 1,
     allow_code: bool = False,
     allow_outside: bool = False,
@@ -117,11 +120,11 @@ def diagnose_fleet(
         InputError: the manifest, the folder or the engine cannot be used.
     """
     from walkerkit.gap.fleet.page import write_page
-    from walkerkit.gap.workflow import effect_names
+    from walkerkit.gap.workflow import effects_to_send
 
     members = load_fleet(manifest, allow_code=allow_code)
     check_engine(engine, address, workers)
-    chosen = effect_names(effects)
+    chosen = effects_to_send(effects)
     check_seconds(window)
     out = Path(out)
     check_folder(out)

@@ -11,8 +11,12 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from walkerkit.gap.fleet.manifest import Member
+
+if TYPE_CHECKING:
+    from walkerkit.gap.effects import Effect
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +31,7 @@ class Job:
 
     member: Member
     window: float
-    effects: tuple[str, ...] | None
+    effects: tuple[str | Effect, ...] | None
     n_threads: int
     allow_code: bool
     allow_outside: bool
@@ -86,6 +90,7 @@ def input_key(job: Job) -> str:
     os.environ.setdefault("MUJOCO_GL", "disable")  # before dm_control looks for a display
     if job.folder not in sys.path:
         sys.path.append(job.folder)
+    from walkerkit.gap.effects.base import identity
     from walkerkit.gap.recordings.manifest import load_experiments
     from walkerkit.gap.report.claim import run_key
     from walkerkit.gap.workflow import prepare
@@ -102,6 +107,5 @@ def input_key(job: Job) -> str:
         n_threads=job.n_threads,
         allow_outside=job.allow_outside,
     )
-    return run_key(
-        setup.robots, (*setup.fitted, *setup.held_out), ("fleet", job.window, job.effects)
-    )
+    effects = job.effects and tuple(e if isinstance(e, str) else identity(e) for e in job.effects)
+    return run_key(setup.robots, (*setup.fitted, *setup.held_out), ("fleet", job.window, effects))

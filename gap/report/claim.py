@@ -97,6 +97,8 @@ def run_key(
         compiled = np.zeros(mujoco.mj_sizeModel(robot.model), np.uint8)
         mujoco.mj_saveModel(robot.model, None, compiled)
         about = (robot.source, robot.measurement, robot.hold, robot.laws, robot.base, robot.notes)
+        parts.extend(repr((one.cfg, *one.numbers.items())) for one in robot.programs)
+        parts.append(repr([(joint.drives, joint.inputs) for joint in robot.joints.values()]))
         parts.extend([compiled.tobytes(), repr(about)])
     for group in recordings:
         parts.append(str(len(group)))

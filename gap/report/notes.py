@@ -19,8 +19,8 @@ from walkerkit.gap.report.quantity import percent, quantity
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.commands import Route, routes
+from walkerkit.gap.simulation.programs import rest_controls
 from walkerkit.gap.simulation.robot import Joint, Robot
-from walkerkit.gap.simulation.start import rest
 
 _ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _UNSURE = 0.9
@@ -193,7 +193,7 @@ def _clipped(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
 def _beyond(robot: Robot, route: Route, ends: Sequence[float]) -> str:
     """How far a target goes beyond what its actuator takes; "" where it does not."""
     drive, model = route.drive, robot.model
-    if drive is None or not model.actuator_ctrllimited[drive.ctrl]:
+    if drive is None or drive.in_python or not model.actuator_ctrllimited[drive.ctrl]:
         return ""
     limits = model.actuator_ctrlrange[drive.ctrl]
     low, high = sorted(float((limit - drive.offset) / drive.slope) for limit in limits)
@@ -231,7 +231,7 @@ def _lacking(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
 
 def _unlogged(robot: Robot, joint: Joint) -> str:
     """What a simulation does with a joint that is not logged."""
-    model, control = robot.model, rest(robot.model).ctrl
+    model, control = robot.model, rest_controls(robot)
     drive = joint.drive("position") or joint.drive("velocity")
     if drive is not None:
         at = float((control[drive.ctrl] - drive.offset) / drive.slope) + 0.0  # never -0

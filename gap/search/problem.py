@@ -307,7 +307,10 @@ def build(
             fit,
             part,
             on_feet=any(robot.base for robot in sized),
-            longer=int(_TIMESTEP / max(robot.model.opt.timestep for robot in robots) + 1e-9),
+            # A law in Python runs once in each step, and may shake in longer ones.
+            longer=1
+            if any(robot.programs for robot in robots)
+            else int(_TIMESTEP / max(robot.model.opt.timestep for robot in robots) + 1e-9),
         ),
         noise=floor,
         hold=hold,

@@ -67,7 +67,8 @@ def routes(robot: Robot, recording: Recording) -> tuple[Route, ...]:
                 found.append(
                     Route(joint=joint, column=f"{name}/{kind}_target", drive=joint.drive(kind))
                 )
-        if joint.drives and not taken:
+        first = joint.drives[0].kind if joint.in_python else None
+        if joint.drives and (not taken or (first and first not in taken)):
             wanted = " or ".join(f"`{name}/{drive.kind}_target`" for drive in joint.drives)
             raise InputError(
                 f"{source}: joint {name!r} has an actuator for {joint.drives[0].kind} "
@@ -85,12 +86,11 @@ def routes(robot: Robot, recording: Recording) -> tuple[Route, ...]:
 
 def _native_twin(robot: Robot, joint: Joint, targets: Sequence[TargetKind]) -> str:
     """What else a walker's bare motor may be: the law of an actuator that runs in Python."""
-    if robot.path is not None or not targets or joint.drives[0].kind != "effort":
+    if joint.in_python or not targets or joint.drives[0].kind != "effort":
         return ""
-    config, _ = _CONFIGS[targets[0]]
     return (
-        f" An actuator whose law runs in Python, as IdealPdActuatorCfg, leaves a bare motor in the "
-        f"model: give the walker {config} with the same gains, which MuJoCo runs."
+        " An actuator whose law runs in Python, as IdealPdActuatorCfg, leaves a bare motor in the "
+        "MJCF: give as the model a `package.module:callable` that returns the walker itself."
     )
 
 

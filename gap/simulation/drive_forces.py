@@ -7,7 +7,7 @@ target = forces.targets(ctrl)             # in joint units
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from typing import Any
 
@@ -44,10 +44,13 @@ class DriveForces:
         joints: the joints.
         fields: model fields of which each simulation has its own, (n_sims, *shape).
         n_sims: number of simulations.
+        number: a number of the law of a joint whose drive is in Python, (n_sims,) or None; its
+            effort is here that of a servo with the law's gains about rest.
 
     Attributes:
         columns: which of the joints have a drive.
-        ctrl: its control.
+        ctrl: its control, or its target where its law runs in Python.
+        native: which of these controls are MuJoCo's, and which controls these are.
         stiffness, damping, limit: of the joints' drives, (n_sims, n_joints); a limit is infinite
             where there is none.
         filters: what lies between their controls and their gains, or None.
@@ -59,6 +62,7 @@ class DriveForces:
         joints: Sequence[Joint],
         fields: Mapping[str, NDArray[Any]],
         n_sims: int,
+        number: Callable[[str, str], FloatArray | None] | None = None,
     ):
         driven = [k for k, joint in enumerate(joints) if joint.drives]
         self.columns = adjoining(driven)
@@ -67,6 +71,8 @@ class DriveForces:
         outputs = model.actuator_outadr[ids]
         controls = [drive.ctrl for drive in drives]
         self.ctrl = adjoining(controls)
+        native = [k for k, drive in enumerate(drives) if not drive.in_python]
+        self.native = adjoining(native), adjoining([controls[k] for k in native])
         self._slope = np.array([drive.slope for drive in drives])
         self._offset = np.array([drive.offset for drive in drives])
         self._n_joints = len(joints)
@@ -88,10 +94,16 @@ class DriveForces:
         self._per_velocity = gear**2 * bias[..., 2]
         ends = gear[..., None] * force
         self._lowest, self._highest = ends.min(axis=-1), ends.max(axis=-1)
-        bounded = model.actuator_ctrllimited[controls].astype(bool)[:, None]
-        bounds = np.where(bounded, model.actuator_ctrlrange[controls], [[-np.inf, np.inf]])
+        # A motor takes whatever a law in Python makes.
+        of_native = np.array([0 if drive.in_python else drive.ctrl for drive in drives], np.intp)
+        bounded = model.actuator_ctrllimited[of_native].astype(bool)[:, None]
+        bounded &= np.array([not drive.in_python for drive in drives], dtype=bool)[:, None]
+        bounds = np.where(bounded, model.actuator_ctrlrange[of_native], [[-np.inf, np.inf]])
         self._bounds = (bounds[:, 0], bounds[:, 1]) if bounded.any() else None
         self.filters = _Filters.of(model, ids)
+
+        if number is not None and len(native) < len(drives):
+            self._take_programs(drives, [j.name for j in joints if j.drives], n_sims, number)
 
         shape = (n_sims, len(joints))
         self.stiffness, self.damping = np.zeros(shape), np.zeros(shape)
@@ -99,6 +111,35 @@ class DriveForces:
         self.stiffness[:, self.columns] = -self._per_position
         self.damping[:, self.columns] = -self._per_velocity
         self.limit[:, self.columns] = np.maximum(np.abs(self._lowest), np.abs(self._highest))
+
+    def _take_programs(
+        self,
+        drives: Sequence[Drive],
+        names: Sequence[str],
+        n_sims: int,
+        number: Callable[[str, str], FloatArray | None],
+    ) -> None:
+        """Puts servos with their gains about rest in the places of laws in Python."""
+        for name in _OF_EACH[:-3]:
+            setattr(
+                self, name, np.array(np.broadcast_to(getattr(self, name), (n_sims, len(drives))))
+            )
+        for k, (drive, joint) in enumerate(zip(drives, names, strict=True)):
+            if not drive.in_python:
+                continue
+            gain, known = self._per_control[:, k].copy(), number(joint, "effort_limit")
+            own = {"stiffness": drive.stiffness, "damping": drive.damping}
+            kp, kd = (
+                own[one] if values is None or own[one] == 0 else values
+                for one in own
+                for values in [number(joint, one)]
+            )
+            limit = gain * (np.inf if known is None else known)
+            asked = {"position": kp, "velocity": kd, "effort": np.ones(n_sims)}[drive.kind]
+            self._per_control[:, k] = gain * asked
+            self._per_position[:, k], self._per_velocity[:, k] = -gain * kp, -gain * kd
+            self._lowest[:, k] = np.maximum(self._lowest[:, k], -limit)
+            self._highest[:, k] = np.minimum(self._highest[:, k], limit)
 
     def joins(self, other: DriveForces) -> bool:
         """Whether these drives differ from others in their efforts' numbers only."""

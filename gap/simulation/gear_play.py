@@ -104,7 +104,7 @@ def with_play(robot: Robot, joints: Sequence[str]) -> Robot:
         model=model,
         base=find_base(model, robot.source),
         joints={
-            name: replace(joint, drives=robot.joints[name].drives)
+            name: replace(joint, drives=robot.joints[name].drives, inputs=robot.joints[name].inputs)
             if name in robot.joints
             else joint
             for name, joint in found.items()

@@ -16,8 +16,9 @@ from walkerkit.gap.simulation.commands import Hold, Route, between_samples, rout
 from walkerkit.gap.simulation.floating import FloatingBase
 from walkerkit.gap.simulation.interpolate import delayed, made_delay
 from walkerkit.gap.simulation.mount import resting
+from walkerkit.gap.simulation.programs import rest_controls
 from walkerkit.gap.simulation.robot import Joint, Robot
-from walkerkit.gap.simulation.start import memory, rest
+from walkerkit.gap.simulation.start import memory
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
@@ -51,7 +52,7 @@ class Group:
         routes: of each segment, what its targets drive.
         states: measured states, by the recording's identity.
         base: the base, where it floats.
-        ctrl: (n_segments, past + steps + past + 1, nu) commands, from `past` steps before it.
+        ctrl: (n_segments, past + steps + past + 1, width) commands, from `past` steps before it.
         applied: feed-forward effort, shape (…, nv) [N·m].
         drives: address in ctrl to the joint and its drive.
         played: joints with a play that nothing measures, and those of a mount.
@@ -88,7 +89,7 @@ class Group:
         n = len(segments)
         # One more step than is simulated, so that a delay can be interpolated at the end.
         offsets = step * np.arange(-self.past, self.steps + self.past + 1)
-        self.ctrl = np.tile(rest(robot.model).ctrl, (n, len(offsets), 1))
+        self.ctrl = np.tile(rest_controls(robot), (n, len(offsets), 1))
         self.applied = np.zeros((n, len(offsets), robot.model.nv))
         self.drives: dict[int, tuple[str, Drive]] = {}
         for s, segment in enumerate(segments):
@@ -113,6 +114,8 @@ class Group:
 
     def _fill(self, s: int, segment: Segment, route: Route, time: FloatArray) -> None:
         step = self.robot.model.opt.timestep
+        if route.drive is not None and route.drive.late:
+            time = time - route.drive.late
         values = between_samples(segment.recording, route.column, time, self.hold, step)
         if route.drive is None:
             self.applied[s, :, route.joint.dof] += values
@@ -178,6 +181,8 @@ class Group:
             if name != joint.name or model.actuator_actnum[a]:
                 continue  # an activation does not jump
             gears = gain[:, a] * model.actuator_gear[a, 0]
+            if drive.in_python:
+                gears = gears * _slope(drive)
             steps = gears[:, None, None] * _steps(ctrl[..., index])
             late = made_delay(delay[:, a], model.opt.timestep) / model.opt.timestep
             for age in np.unique(late):
@@ -200,6 +205,9 @@ class Group:
                 )
                 lower, upper = ends.T[:, :, None, None]
                 found |= (effort <= lower) | (effort >= upper)
+            limit = self.robot.number(joint.name, "effort_limit")
+            if limit is not None:
+                found |= np.abs(effort) >= limit
         return found
 
     def initial_state(self, shift: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -228,6 +236,11 @@ class Group:
             qpos = qpos + off[:, None, :, 0] * of_qpos
             qvel = qvel + off[:, None, :, 1] * of_qvel
         return np.broadcast_to(qpos, shift.shape), np.broadcast_to(qvel, shift.shape)
+
+
+def _slope(drive: Drive) -> float:
+    """Effort of a law in Python per unit of its target, about rest."""
+    return {"position": drive.stiffness, "velocity": drive.damping, "effort": 1.0}[drive.kind]
 
 
 def _alike(values: NDArray[Any]) -> bool:

@@ -22,6 +22,7 @@ from walkerkit.actuators.drivetrain.law import clipped
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Route
+from walkerkit.gap.simulation.interpolate import NEAREST
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.robot import Joint
@@ -40,6 +41,7 @@ class Past:
     Attributes:
         ctrl: (n_sims, n_steps, nu) controls as the drives received them.
         q, qd: (n_sims, n_steps, n_joints) positions and velocities of the joints.
+        unknown: (n_sims, n_steps) whether the recording had not begun.
         integral: (n_sims, n_joints) effort of integral action [N·m; N], or None where there is no
             such.
     """
@@ -47,6 +49,7 @@ class Past:
     ctrl: FloatArray
     q: FloatArray
     qd: FloatArray
+    unknown: NDArray[np.bool_]
     integral: FloatArray | None = None
 
     def joins(self, other: Past) -> bool:
@@ -65,6 +68,7 @@ class Past:
             ctrl=np.concatenate([part.ctrl for part in parts]),
             q=np.concatenate([part.q for part in parts]),
             qd=np.concatenate([part.qd for part in parts]),
+            unknown=np.concatenate([part.unknown for part in parts]),
             integral=np.concatenate(integral) if integral else None,
         )
 
@@ -74,6 +78,7 @@ class Past:
             ctrl=self.ctrl[rows],
             q=self.q[rows],
             qd=self.qd[rows],
+            unknown=self.unknown[rows],
             integral=None if self.integral is None else self.integral[rows],
         )
 
@@ -84,7 +89,7 @@ def measured_past(
     shift: FloatArray,
     readings: Sequence[Reading],
     offsets: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Positions and velocities before the segments' starts.
 
     Args:
@@ -97,6 +102,7 @@ def measured_past(
 
     Returns:
         q, qd: (n * n_segments, n_steps, n_joints) each.
+        unknown: (n * n_segments, n_steps) whether the recording had not begun.
     """
     n, n_segments, n_joints = shift.shape
     alike = bool((shift == shift[:1]).all())
@@ -114,7 +120,16 @@ def measured_past(
         np.stack([np.broadcast_to(p[i], (n, *p[i].shape[1:])) for p in parts], -1) for i in (0, 1)
     )
     flat = (n * n_segments, len(offsets), n_joints)
-    return q.reshape(flat), qd.reshape(flat)
+    begun = np.array([float(segment.recording.time[0]) for segment in segments])
+    start = np.array([segment.start for segment in segments])
+    # A start is moved by delays, not to before the recording.
+    unknown = start[:, None] + offsets < begun[:, None] - NEAREST * _shortest(offsets)
+    return q.reshape(flat), qd.reshape(flat), np.tile(unknown, (n, 1))
+
+
+def _shortest(offsets: FloatArray) -> float:
+    """The step between instants [s]."""
+    return float(np.diff(offsets).min(initial=np.inf)) if len(offsets) > 1 else 0.0
 
 
 def integral_at_start(
@@ -158,7 +173,7 @@ def integral_at_start(
     still[:, qvel : qvel + batch.model.nv] = 0.0
     dofs = [joint.dof for joint in joints]
     bias, passive = (
-        batch.forward(still, ctrl=ctrl, name=name)[:, dofs]
+        batch.forward(still, ctrl=ctrl[:, : batch.model.nu], name=name)[:, dofs]
         for name in ("qfrc_bias", "qfrc_passive")
     )
     asked = laws.forces.asked(ctrl[:, laws.forces.ctrl])

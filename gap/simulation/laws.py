@@ -2,7 +2,7 @@
 
     laws = Laws(model, joints, fields, trials, n_segments)
     ctrl, ahead = laws.controlled(ctrl, time)   # what the controllers make of the targets
-    if laws.stepwise:                           # something is left to be run step by step
+    if laws.runs:                               # something is left to be run step by step
         rollout, changed = rollout_with_laws(batch, state, laws=laws, ctrl=..., time=..., ...)
 
 Laws of the controller that see nothing but targets are run over all of these beforehand, so that
@@ -12,6 +12,7 @@ the simulation itself runs natively where there are no others.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from copy import copy
 from typing import Any
 
@@ -19,8 +20,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw, LawBank, Step, SupplyVoltage
+from walkerkit.actuators.drivetrain import DrivetrainLaw, LawBank, Step, SupplyVoltage, in_order
 from walkerkit.gap.simulation.drive_forces import DRIVE_FIELDS, DriveForces
+from walkerkit.gap.simulation.programs_at_work import ProgramsAtWork
 from walkerkit.gap.simulation.robot import Joint
 from walkerkit.gap.simulation.trials import Trials
 
@@ -38,9 +40,11 @@ class Laws:
         fields: model fields of which each variant has its own, (n_variants, *shape).
         trials: the variants.
         n_segments: segments of each.
+        columns: controls that the logs have targets for.
 
     Attributes:
         joints: the joints.
+        programs: laws in Python of drives, or None where there is none.
         forces: their drives.
         of_targets: the laws that are run beforehand, each with its parameters.
         stepwise: the others.
@@ -53,6 +57,7 @@ class Laws:
         fields: Mapping[str, NDArray[Any]],
         trials: Trials,
         n_segments: int,
+        columns: AbstractSet[int] = frozenset(),
     ):
         self.joints = tuple(joints)
         self.dt = float(model.opt.timestep)
@@ -62,7 +67,11 @@ class Laws:
             for name, values in fields.items()
             if name in DRIVE_FIELDS
         }
-        self.forces = DriveForces(model, joints, repeated, self.shape[0])
+        self.programs = (
+            ProgramsAtWork(trials, n_segments, columns, repeated) if trials.robot.programs else None
+        )
+        number = None if self.programs is None else self.programs.number
+        self.forces = DriveForces(model, joints, repeated, self.shape[0], number)
         names = [joint.name for joint in joints]
         found: dict[type[DrivetrainLaw], Numbers] = {}
         for (law, joint, name), values in trials.laws.items():
@@ -72,11 +81,7 @@ class Laws:
                     values, n_segments
                 )
         # In the order in which those of a stage act.
-        each = [
-            (law, found[law])
-            for law in LAWS.values()
-            if law in found and law.acting(found[law]).any()
-        ]
+        each = [(law, found[law]) for law in in_order(found) if law.acting(found[law]).any()]
         self.of_targets = [(law, p) for law, p in each if law.targets_only]
         self.stepwise = [(law, p) for law, p in each if not law.targets_only]
 
@@ -92,6 +97,12 @@ class Laws:
             and [joint.name for joint in self.joints] == [joint.name for joint in other.joints]
             and [joint.play for joint in self.joints] == [joint.play for joint in other.joints]
             and self.forces.joins(other.forces)
+            and (self.programs is None) == (other.programs is None)
+            and (
+                self.programs is None
+                or other.programs is None
+                or self.programs.joins(other.programs)
+            )
         )
 
     @classmethod
@@ -100,13 +111,23 @@ class Laws:
         laws = copy(parts[0])
         laws.shape = (sum(part.shape[0] for part in parts), len(laws.joints))
         laws.forces = DriveForces.joined([part.forces for part in parts])
+        if laws.programs is not None:
+            programs = [part.programs for part in parts if part.programs is not None]
+            laws.programs = ProgramsAtWork.joined(programs)
         laws.of_targets = cls._joined([(part.of_targets, part.shape) for part in parts])
         laws.stepwise = cls._joined([(part.stepwise, part.shape) for part in parts])
         return laws
 
     @property
+    def runs(self) -> bool:
+        """Whether something is to be run step by step."""
+        return bool(self.stepwise) or self.programs is not None
+
+    @property
     def present(self) -> NDArray[np.bool_]:
         """(n_sims, n_laws) which of the laws that are run step by step act in which simulations."""
+        if not self.stepwise:
+            return np.ones((self.shape[0], 1), dtype=bool)
         return np.stack([law.acting(p).any(axis=1) for law, p in self.stepwise], axis=1)
 
     def some(self, rows: NDArray[np.intp]) -> Laws:
@@ -114,6 +135,7 @@ class Laws:
         laws = copy(self)
         laws.forces = self.forces.some(rows)
         laws.shape = laws.forces.stiffness.shape
+        laws.programs = None if self.programs is None else self.programs.some(rows)
         laws.of_targets = _acting(self.of_targets, rows)
         laws.stepwise = _acting(self.stepwise, rows)
         return laws
@@ -137,8 +159,7 @@ class Laws:
                     for name in law.neutral
                 },
             )
-            for law in LAWS.values()
-            if any(law in some for some, _ in each)
+            for law in in_order(law for some, _ in each for law in some)
         ]
 
     def bank(self) -> LawBank:

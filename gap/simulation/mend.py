@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain import LAWS, CommandDelay
+from walkerkit.actuators.drivetrain import CommandDelay, law_named
 from walkerkit.gap.simulation.interpolate import made_delay
 from walkerkit.gap.simulation.rebuild import rebuilds, rebuilt_as
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
@@ -62,6 +62,10 @@ def mend(trial: Trials) -> Robot:
     for name, wanted in trial.fields.items():
         _WRITERS[name](spec, robot, model_field(robot.model, name), wanted[0])
     laws = _laws(trial)
+    joints = {
+        name: _later(joint, float(trial.command_delay[name][0]), spec.option.timestep)
+        for name, joint in robot.joints.items()
+    }
     for name, joint in robot.joints.items():
         _delay_commands(spec, joint, float(trial.command_delay[name][0]), laws.get(name, {}))
     model = spec.compile()
@@ -77,9 +81,13 @@ def mend(trial: Trials) -> Robot:
         model=model,
         # Targets enter by the law of the model as it was given: a gain that is off by ten per cent
         # is in the drive, not in the meaning of the command.
-        joints=robot.joints,
+        joints=joints,
         measurement=_measurement(trial),
         laws=laws,
+        programs=tuple(
+            program.with_numbers({key: float(v[0]) for key, v in trial.numbers.items()})
+            for program in robot.programs
+        ),
     )
 
 
@@ -171,8 +179,10 @@ def _delay_commands(
     arrived.
     """
     step = spec.option.timestep
-    controlled = any(LAWS[law].stage == "controller" for law in laws)
+    controlled = any(law_named(law).stage == "controller" for law in laws)
     for drive in joint.drives:
+        if drive.in_python:
+            continue
         actuator = _by_id(spec.actuators, drive.actuator)
         whole = float(made_delay(actuator.delay, step)) + delay
         if controlled and drive.kind == "position":
@@ -189,6 +199,17 @@ def _delay_commands(
         # One sample more than the delay spans, to interpolate between.
         actuator.nsample = int(np.ceil(whole / step - 1e-9)) + 1 if whole else 0
         actuator.interp = _LINEAR
+
+
+def _later(joint: Joint, delay: float, step: float) -> Joint:
+    """A joint whose law in Python gets targets later, by whole steps as a walker delays them."""
+    if not joint.in_python or not delay:
+        return joint
+    drives, inputs = (
+        tuple(replace(d, late=max(0.0, step * round((d.late + delay) / step))) for d in some)
+        for some in (joint.drives, joint.inputs)
+    )
+    return replace(joint, drives=drives, inputs=inputs)
 
 
 def _by_id(elements: Any, number: int) -> Any:

@@ -27,6 +27,7 @@ from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar
 
 if TYPE_CHECKING:
+    from walkerkit.actuators import ActuatorCfg
     from walkerkit.walkers import MjcfWalker
     from walkerkit.walkers.actions import ActionTerm
     from walkerkit.walkers.drivetrain import Randomization
@@ -54,7 +55,7 @@ class Mended:
         from walkerkit.walkers.saved import saved_actuators
 
         with tempfile.TemporaryDirectory() as folder:
-            return saved_actuators(self._written(Path(folder)))
+            return saved_actuators(self._written(Path(folder)), in_python=self._in_python)
 
     def walker(
         self,
@@ -83,16 +84,25 @@ class Mended:
         """
         # dm_control looks for a display as soon as it is imported, which only walkers need.
         from walkerkit.walkers import MjcfWalker
+        from walkerkit.walkers.saved import saved_actuators
 
         with tempfile.TemporaryDirectory() as folder:
+            path = self._written(Path(folder))
+            saved = saved_actuators(path, in_python=self._in_python)
             return MjcfWalker.from_file(
-                self._written(Path(folder)),
+                path,
+                saved.actuators,
+                laws=saved.laws,
                 name=name,
                 action=action,
                 home=home,
                 floating=floating,
                 randomizations=randomizations,
             )
+
+    @property
+    def _in_python(self) -> list[ActuatorCfg]:
+        return [program.cfg for program in self.robot.programs]
 
     def _written(self, folder: Path) -> Path:
         path = folder / f"{Path(self.robot.stem).name}.xml"

@@ -39,7 +39,13 @@ from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds, rebuilt
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.side_by_side import advanced
 from walkerkit.gap.simulation.start import start_state
-from walkerkit.gap.simulation.together import Asked, Commanded, controlled, together
+from walkerkit.gap.simulation.together import (
+    Asked,
+    Commanded,
+    controlled,
+    first_controls,
+    together,
+)
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
@@ -212,7 +218,7 @@ class Replay:
                 some.extend(more)
         fields = dict(trials.fields)
         lawful = bool(trials.with_laws.any())
-        shift = np.tile(lead[..., None], model.nu)
+        shift = np.tile(lead[..., None], self.robot.width)
         for index, (name, drive) in group.drives.items():
             shift[..., index] += trials.command_delay[name][:, None]
             merged = (trials.command_delay[name] != 0) | lawful
@@ -223,7 +229,7 @@ class Replay:
                 shift[merged, :, index] += made_delay(own[merged, drive.actuator, None], step)
                 own[merged, drive.actuator] = 0
                 fields["actuator_delay"] = own
-        laws = Laws(model, joints, fields, trials, n_segments) if lawful else None
+        laws = Laws(model, joints, fields, trials, n_segments, {*group.drives}) if lawful else None
         before = group.memory + (group.controlled if lawful else 0)
         ctrl = delayed(group.ctrl, group.past - before, before + steps, shift / step)
         clock = (group.elapsed - lead).reshape(-1)
@@ -241,12 +247,12 @@ class Replay:
         )
 
         if group.played:
-            driven = group.ctrl[:, group.past], group.applied[:, group.past]
+            driven = group.ctrl[:, group.past, : model.nu], group.applied[:, group.past]
             carried = loads(trials, group.played, joints, group.starts, driven)
             bend(state, trials, fields, group.played, carried)
         record = sorted({"qpos", *(_RECORDS[c.signal] for c in self.channels if not c.of_base)})
         each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
-        stepwise = laws is not None and bool(laws.stepwise)
+        stepwise = laws is not None and laws.runs
         applied = group.feed_forward(trials, lead, steps)
         asked = Asked(
             model=model,
@@ -262,10 +268,11 @@ class Replay:
             voltage=group.voltage(lead, steps) if laws is not None and laws.of_supply else None,
         )
         if group.base is not None:
-            raised = group.base.settle(asked.batch(), asked.state, asked.ctrl[:, 0], each)
+            raised = group.base.settle(asked.batch(), asked.state, first_controls(asked), each)
         if laws is not None and stepwise:
-            warm = min(int(np.ceil(_WARM / step)), before)
-            q, qd = measured_past(
+            remembers = laws.programs is not None and laws.programs.memory
+            warm = before if remembers else min(int(np.ceil(_WARM / step)), before)
+            q, qd, unknown = measured_past(
                 group.segments,
                 [group.states[id(segment.recording)] for segment in group.segments],
                 later,
@@ -278,7 +285,8 @@ class Replay:
                     laws, asked.batch(), asked.state, group.segments, group.routes, asked.ctrl[:, 0]
                 )
             sent_before = ctrl[:, :, before - warm : before].reshape(len(q), warm, -1)
-            asked = replace(asked, past=Past(ctrl=sent_before, q=q, qd=qd, integral=integral))
+            past = Past(ctrl=sent_before, q=q, qd=qd, unknown=unknown, integral=integral)
+            asked = replace(asked, past=past)
         rollout, changed = yield asked
         if not stepwise and laws is not None and ahead is not None and "qfrc_actuator" in record:
             made = rollout.records["qfrc_actuator"][..., [joint.dof for joint in joints]]

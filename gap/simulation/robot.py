@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 
@@ -28,6 +28,9 @@ from walkerkit.gap.simulation.latest import Latest
 from walkerkit.gap.simulation.made import spec_of
 from walkerkit.gap.simulation.model_files import check_model_files
 from walkerkit.gap.simulation.wave import Wave, WaveForm
+
+if TYPE_CHECKING:
+    from walkerkit.gap.simulation.programs import Program
 
 _MOST_MADE = 32  # that are kept of what is made of a robot
 _MEND = "Mend the MJCF until MuJoCo loads it."
@@ -61,6 +64,7 @@ class Joint:
         drives: its actuators.
         slide: True for a slide joint (m, N instead of rad, N·m).
         play: what is between it and its link, where the model has play there.
+        inputs: what else of a target the law takes that is its drive's, where that runs in Python.
     """
 
     name: str
@@ -70,10 +74,16 @@ class Joint:
     drives: tuple[Drive, ...]
     slide: bool
     play: Play | None = None
+    inputs: tuple[Drive, ...] = ()
 
     def drive(self, kind: TargetKind) -> Drive | None:
         """The actuator that takes targets of this kind, or None."""
-        return next((drive for drive in self.drives if drive.kind == kind), None)
+        return next((d for d in (*self.drives, *self.inputs) if d.kind == kind), None)
+
+    @property
+    def in_python(self) -> bool:
+        """Whether the law of its drive runs in Python."""
+        return any(drive.in_python for drive in self.drives)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +161,7 @@ class Robot:
         reads_effort_first: its log shows efforts as they were before the targets beside them acted.
         laws: joint name to the drivetrain laws that it has beside the model, by name, each with its
             parameters.
+        programs: laws of its actuators that run in Python.
         base: what floats, or None for a robot that is mounted or hung up.
         notes: what a user should know of how the model was read.
         finer: how many times shorter its timestep is than that of the model as it was read.
@@ -166,6 +177,7 @@ class Robot:
     hold: Literal["zero_order", "linear", "next"] | None = None
     reads_effort_first: bool = False
     laws: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
+    programs: tuple[Program, ...] = ()
     base: Base | None = None
     notes: tuple[str, ...] = ()
     finer: float = 1.0
@@ -184,6 +196,19 @@ class Robot:
         return (
             self.source.rpartition(":")[2] if is_callable(self.source) else Path(self.source).stem
         )
+
+    @property
+    def width(self) -> int:
+        """How many controls it takes: MuJoCo's, and then targets of laws that run in Python."""
+        inputs = sum(len(some) for one in self.programs for some in one.inputs.values())
+        return int(self.model.nu) + inputs
+
+    def number(self, joint: str, name: str) -> float | None:
+        """A number of the law in Python of a joint, or None where that has none of the name."""
+        for program in self.programs:
+            if joint in program.joints and name in program.numbers:
+                return float(program.numbers[name][program.joints.index(joint)])
+        return None
 
     @property
     def has_dry_friction(self) -> bool:
@@ -292,7 +317,14 @@ def load_robot(source: str | Path, *, floating: bool = False, allow_outside: boo
     """
     name = model_name(source)
     if is_callable(name):
-        return robot_from_spec(_spec_from_callable(name, floating), name)
+        made = _made_by(name)
+        robot = robot_from_spec(_spec_of(made, name, floating), name)
+        drivetrain = getattr(made, "drivetrain", None)
+        if drivetrain is None:
+            return robot
+        from walkerkit.gap.simulation.programs import with_programs  # which knows of robots
+
+        return with_programs(robot, drivetrain)
     return robot_from_spec(_spec_from_file(Path(name), allow_outside), name)
 
 
@@ -335,7 +367,8 @@ def _spec_from_file(path: Path, allow_outside: bool) -> mujoco.MjSpec:
         ) from None
 
 
-def _spec_from_callable(source: str, floating: bool) -> mujoco.MjSpec:
+def _made_by(source: str) -> Any:
+    """What a user's function returns."""
     module_name, _, function_name = source.rpartition(":")
     folder = str(Path.cwd())
     if folder not in sys.path:
@@ -354,7 +387,19 @@ def _spec_from_callable(source: str, floating: bool) -> mujoco.MjSpec:
             f"{closest(function_name, vars(module))}. Name one that returns the walker."
         )
     try:
-        return spec_of(make(), source, floating=floating)
+        return make()
+    except InputError:
+        raise
+    except Exception as error:  # it is the user's function
+        raise InputError(
+            f"{source}: it raised {type(error).__name__}: {one_line(error)}. "
+            "Mend it until it returns the walker without arguments."
+        ) from error
+
+
+def _spec_of(made: Any, source: str, floating: bool) -> mujoco.MjSpec:
+    try:
+        return spec_of(made, source, floating=floating)
     except InputError:
         raise
     except Exception as error:  # it is the user's function

@@ -14,7 +14,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from walkerkit.actuators.drivetrain import LAWS
+from walkerkit.actuators.drive import Drive
+from walkerkit.actuators.drivetrain import UnknownLawError, law_named
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.simulation.robot import Joint, Measurement, Robot
 
@@ -49,6 +50,14 @@ def with_sidecar(robot: Robot, model_path: Path) -> Robot:
         entry = json.loads(path.read_text(encoding="utf-8"))["models"].get(model_path.name)
         if entry is None:
             return robot
+        if entry.get("in_python"):
+            joints = entry["in_python"]
+            raise InputError(
+                f"{path}: the law of {', '.join(map(repr, joints))} runs in Python "
+                f"({next(iter(joints.values()))['config']}), which no file holds. Give as the "
+                "model a `package.module:callable` that returns the walker, made with "
+                f"walkerkit.walkers.saved.saved_actuators({str(model_path)!r}, in_python=[config])."
+            )
         robot.check_joints(
             [*entry["command"], *entry["measurement"], *entry.get("laws", {})], str(path)
         )
@@ -67,6 +76,8 @@ def with_sidecar(robot: Robot, model_path: Path) -> Robot:
         )
     except InputError:
         raise
+    except UnknownLawError as error:
+        raise InputError(f"{path}: {error}.") from None
     except (ValueError, KeyError, TypeError, AttributeError, OSError, RecursionError) as error:
         raise InputError(
             f"{path}: is no actuators.json of schema {SCHEMA} ({type(error).__name__}: {error}). "
@@ -80,10 +91,11 @@ def _entry(robot: Robot) -> dict[str, Any]:
         "hold": robot.hold,
         "command": {
             # Targets go to the first drive of their kind.
-            name: {d.kind: {"slope": d.slope, "offset": d.offset} for d in reversed(joint.drives)}
+            name: {d.kind: _scale(d) for d in reversed(joint.drives)}
             for name, joint in robot.joints.items()
-            if joint.drives
+            if joint.drives and not joint.in_python
         },
+        **_in_python(robot),
         "measurement": {
             name: {key: number for key, number in asdict(measured).items() if number != ideal[key]}
             for name, measured in robot.measurement.items()
@@ -93,8 +105,38 @@ def _entry(robot: Robot) -> dict[str, Any]:
     }
 
 
+def _scale(drive: Drive) -> dict[str, float]:
+    late = {"late": drive.late} if drive.late else {}
+    return {"slope": drive.slope, "offset": drive.offset, **late}
+
+
+def _in_python(robot: Robot) -> dict[str, Any]:
+    """What a file can say of laws in Python: whose they are, and with which numbers."""
+    if not robot.programs:
+        return {}
+    return {
+        "in_python": {
+            joint: {
+                "config": f"{type(program.cfg).__module__}.{type(program.cfg).__qualname__}",
+                "late": {
+                    drive.kind: drive.late
+                    for drive in (*robot.joints[joint].drives, *robot.joints[joint].inputs)
+                    if drive.late
+                },
+                "numbers": {
+                    name: float(values[k])
+                    for name, values in program.numbers.items()
+                    if math.isfinite(values[k])
+                },
+            }
+            for program in robot.programs
+            for k, joint in enumerate(program.joints)
+        }
+    }
+
+
 def _parameters(law: str, values: Mapping[str, Any]) -> dict[str, float]:
-    names = LAWS[law].parameter_names()
+    names = law_named(law).parameter_names()
     if sorted(values) != sorted(names):
         raise ValueError(f"{law} has the parameters {list(names)}, not {list(values)}")
     return {name: _finite(values[name]) for name in names}
@@ -109,6 +151,7 @@ def _commanded(joint: Joint, command: Mapping[str, Any]) -> Joint:
                 drive,
                 slope=_finite(known[drive.kind]["slope"]),
                 offset=_finite(known[drive.kind]["offset"]),
+                late=_finite(known[drive.kind].get("late", 0.0)),
             )
             if drive.kind in known
             else drive

@@ -1,14 +1,16 @@
 """Simulations in lock step with laws that MuJoCo does not have, run before each of their steps.
 
 The model's own drives still make the effort, so that MuJoCo integrates their damping as it always
-does; what the laws change of it is applied to the joint beside them. What the laws remember of the
-time before the first step comes from what was measured then.
+does; what the laws change of it is applied to the joint beside them. A drive whose own law runs in
+Python makes what that says, as in a walker. What the laws remember of the time before the first
+step comes from what was measured then.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,7 @@ from walkerkit.actuators.drivetrain import IntegralAction, LawBank
 from walkerkit.gap.simulation.drive_forces import adjoining
 from walkerkit.gap.simulation.law_memory import Past
 from walkerkit.gap.simulation.laws import Laws
+from walkerkit.gap.simulation.programs_at_work import RunningPrograms
 from walkerkit.walkers.batch import LockStep, Rollout
 
 FloatArray = NDArray[np.float64]
@@ -41,7 +44,7 @@ def rollout_with_laws(
         batch: the simulations.
         state: (n_sims, nstate) where they start.
         laws: the laws, of which those that are run step by step act.
-        ctrl: (n_sims, n_steps, nu) controls as the drives receive them.
+        ctrl: (n_sims, n_steps, width) controls as the drives receive them.
         qfrc_applied: (n_sims, n_steps, nv) effort applied beside them, or None.
         record: fields to keep after every step.
         time: (n_sims,) of the first step, by the robot's clock [s].
@@ -58,11 +61,19 @@ def rollout_with_laws(
     """
     n_sims, n_steps = ctrl.shape[:2]
     bank, forces = laws.bank(), laws.forces
-    loop = _Loop(laws, bank)
+    loop = _Loop(laws, bank, batch.model)
     qposes = adjoining([joint.qpos for joint in laws.joints])
     dofs = adjoining([joint.dof for joint in laws.joints])
     live_qpos, live_qvel = batch.live("qpos"), batch.live("qvel")
     q, qd = _Columns(live_qpos, qposes), _Columns(live_qvel, dofs)
+    own: tuple[_Columns, _Columns] | None = None
+    if laws.programs is not None:
+        joints = laws.programs.joints
+        own = (
+            _Columns(live_qpos, adjoining([joint.qpos for joint in joints])),
+            _Columns(live_qvel, adjoining([joint.dof for joint in joints])),
+        )
+    (mine, native), nu = forces.native, batch.model.nu
     live_ctrl, live_applied = batch.live("ctrl"), batch.live("qfrc_applied")
     applied = _Columns(live_applied, dofs)
     act = None if forces.filters is None else batch.live("act")
@@ -86,10 +97,12 @@ def rollout_with_laws(
         for column, play in plays:
             loop.step.play[:, column] = live_qpos[:, play.qpos]
             loop.step.play_speed[:, column] = live_qvel[:, play.dof]
-        loop.run(k, q.now(), qd.now(), act)
-        live_ctrl[...] = ctrl[:, k]
+        loop.run(k, q.now(), qd.now(), act, own and (own[0].now(), own[1].now()))
+        live_ctrl[...] = ctrl[:, k, :nu]
         if loop.control is not None:
-            live_ctrl[:, forces.ctrl] = loop.control
+            live_ctrl[:, native] = loop.control[:, mine]
+        if laws.programs is not None:
+            live_ctrl[:, laws.programs.motors] = loop.made
         beside = loop.changed + loop.step.extra
         if qfrc_applied is not None:
             live_applied[...] = qfrc_applied[:, k]
@@ -110,6 +123,7 @@ def rollout_with_laws(
             loop.begin(past.ctrl, time - laws.dt * past.ctrl.shape[1], voltage=before_it)
             for k in range(past.ctrl.shape[1]):
                 loop.warm(k, past.q[:, k], past.qd[:, k])
+                loop.forget(past.unknown[:, k])
             if past.integral is not None:
                 bank.remember(IntegralAction, {"effort": past.integral})
         loop.begin(ctrl, time, ahead, voltage)
@@ -142,10 +156,11 @@ class _Loop:
     Attributes:
         step: the step as the laws left it.
         control: (n_sims, n_drives) controls that the laws moved, or None where none does.
+        made: (n_sims, n) what the laws of drives in Python send to their motors.
         changed: (n_sims, n_joints) what they changed of the effort that the drives report.
     """
 
-    def __init__(self, laws: Laws, bank: LawBank):
+    def __init__(self, laws: Laws, bank: LawBank, model: mujoco.MjModel):
         self._forces, self._bank = laws.forces, bank
         self._controlling, self._driving, self._rubbing = (
             bank.has(stage) for stage in ("controller", "drive", "joint")
@@ -157,6 +172,13 @@ class _Loop:
         self._controls = self._targets = self._asked = self._zeros = self.step.effort
         self._ahead: FloatArray | None = None
         self._voltage: FloatArray | None = None
+        self._programs = None if laws.programs is None else laws.programs.start(model)
+        self.made = self._all = self.step.effort
+        self._places: dict[int, int] = {}
+        if laws.programs is not None:
+            measured = {joint.name: k for k, joint in enumerate(laws.joints)}
+            of = laws.programs.joints
+            self._places = {k: measured[j.name] for k, j in enumerate(of) if j.name in measured}
 
     def begin(
         self,
@@ -172,10 +194,20 @@ class _Loop:
         self._controls = np.ascontiguousarray(ctrl[..., self._forces.ctrl].swapaxes(0, 1))
         self._targets = self._forces.targets(self._controls)
         self._asked = self._forces.asked(self._controls)
+        self._all = ctrl
+        if self._programs is not None:
+            self._programs.begin()
 
-    def run(self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None) -> None:
-        """Runs the laws for step k, (n_sims, ...) arrays each."""
-        made = self._driven(k, q, qd, act)
+    def run(
+        self,
+        k: int,
+        q: FloatArray,
+        qd: FloatArray,
+        act: FloatArray | None,
+        own: tuple[FloatArray, FloatArray] | None,
+    ) -> None:
+        """Runs the laws for step k, (n_sims, ...) arrays each; `own` of joints with programs."""
+        made = self._driven(k, q, qd, act, own)
         if self._rubbing:
             self.step.extra.fill(0.0)
             self.step.friction.fill(0.0)
@@ -185,9 +217,24 @@ class _Loop:
 
     def warm(self, k: int, q: FloatArray, qd: FloatArray) -> None:
         """Lets the laws of controller and drive see a step of the past."""
-        self._driven(k, q, qd, None)
+        own = None
+        if self._programs is not None:
+            own = self._programs.at_rest_but(q, qd, self._places)
+        self._driven(k, q, qd, None, own)
 
-    def _driven(self, k: int, q: FloatArray, qd: FloatArray, act: FloatArray | None) -> FloatArray:
+    def forget(self, rows: NDArray[np.bool_]) -> None:
+        """Resets laws of drives in some simulations, of which nothing is known so far."""
+        if self._programs is not None and rows.any():
+            self._programs.forget(np.flatnonzero(rows))
+
+    def _driven(
+        self,
+        k: int,
+        q: FloatArray,
+        qd: FloatArray,
+        act: FloatArray | None,
+        own: tuple[FloatArray, FloatArray] | None,
+    ) -> FloatArray:
         """Runs controller and drive; returns the effort made without laws of the drive."""
         step, forces = self.step, self._forces
         step.time = self._times[k]
@@ -203,10 +250,30 @@ class _Loop:
         elif act is not None:
             asked = forces.asked(self._controls[k], act)
         made = step.effort = forces.effort(asked, q, qd)
+        if self._programs is not None and own is not None:
+            made = step.effort = self._with_programs(self._programs, k, made, own)
         step.effort_ahead = self._zeros
         if step.target_ahead is not self._zeros:
             control = self._controls[k] if self.control is None else self.control
             step.effort_ahead = forces.ahead(made, control, step.target_ahead)
         if self._driving:
             self._bank.run("drive", step)
+        return made
+
+    def _with_programs(
+        self,
+        programs: RunningPrograms,
+        k: int,
+        made: FloatArray,
+        own: tuple[FloatArray, FloatArray],
+    ) -> FloatArray:
+        """The efforts with those that laws of drives in Python make."""
+        sent = self._all[:, k]
+        if self.control is not None:
+            sent = sent.copy()
+            sent[:, self._forces.ctrl] = self.control
+        self.made = programs.controls(sent, *own)
+        mine, theirs = [*self._places], [*self._places.values()]
+        made = made.copy()
+        made[:, theirs] = programs.of.efforts(self.made)[:, mine]
         return made

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.simulation.law_memory import Past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.models import differing
+from walkerkit.gap.simulation.start import state_offset
 from walkerkit.gap.simulation.steploop import rollout_with_laws
 from walkerkit.gap.simulation.trials import model_field
 from walkerkit.gap.simulation.workers import side_by_side
@@ -46,7 +47,7 @@ class Asked:
         model: the robot's.
         fields: model fields of which each simulation has its own, (n_sims, *shape).
         state: (n_sims, nstate) where they start.
-        ctrl: (n_sims, n_steps, nu) controls as the drives receive them.
+        ctrl: (n_sims, n_steps, width) controls as the drives receive them.
         applied: (n_sims, n_steps, nv) effort applied beside them, or None.
         record: fields to keep after every step.
         n_threads: threads of the simulation, or processes where there are laws, 0 for all cores.
@@ -144,6 +145,23 @@ class Asked:
             past=self.past,
             lengths=self.lengths,
         )
+
+
+def first_controls(asked: Asked) -> FloatArray:
+    """MuJoCo's controls (n_sims, nu) in the first step, of drives in Python what they make."""
+    ctrl: FloatArray = asked.ctrl[:, 0, : asked.model.nu]
+    if asked.laws is None or asked.laws.programs is None:
+        return ctrl
+    programs = asked.laws.programs
+    qpos, qvel = (
+        state_offset(asked.model, component)
+        for component in (mujoco.mjtState.mjSTATE_QPOS, mujoco.mjtState.mjSTATE_QVEL)
+    )
+    q = asked.state[:, [qpos + joint.qpos for joint in programs.joints]]
+    qd = asked.state[:, [qvel + joint.dof for joint in programs.joints]]
+    ctrl = ctrl.copy()
+    ctrl[:, programs.motors] = programs.start(asked.model).controls(asked.ctrl[:, 0], q, qd)
+    return ctrl
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw
+from walkerkit.actuators.drivetrain import DrivetrainLaw, law_named
 from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
@@ -52,6 +52,7 @@ class Trials:
         laws: drivetrain law, joint and parameter to its (n,) values, of the laws asked for.
         plays: joint and number to its (n,) values, of the joints whose play was asked for.
         mounts: number to its (n,) values, where the mount was asked for.
+        numbers: joint and name to (n,) values of the numbers of laws in Python that were asked for.
     """
 
     def __init__(self, robot: Robot, n: int):
@@ -72,13 +73,14 @@ class Trials:
         self.start_errors = {j: np.zeros((n, 2)) for j in known}
         self.fields: dict[str, NDArray[Any]] = {}
         self.laws: dict[tuple[type[DrivetrainLaw], str, str], FloatArray] = {
-            (LAWS[law], joint, name): np.full(n, value)
+            (law_named(law), joint, name): np.full(n, value)
             for joint, laws in robot.laws.items()
             for law, parameters in laws.items()
             for name, value in parameters.items()
         }
         self.plays: dict[tuple[str, str], FloatArray] = {}
         self.mounts: dict[str, FloatArray] = {}
+        self.numbers: dict[tuple[str, str], FloatArray] = {}
 
     def field(self, name: str) -> NDArray[Any]:
         """The (n, *shape) values of a model field, or of an `opt.` field, to write to."""
@@ -96,6 +98,13 @@ class Trials:
             if (law, joint, name) not in self.laws:
                 self.laws[law, joint, name] = np.full(self.n, law.neutral[name])
         return {name: self.laws[law, joint, name] for name in law.parameter_names()}
+
+    def number(self, joint: str, name: str) -> FloatArray:
+        """The (n,) values of a number of a joint's law in Python, infinite where it has none."""
+        if (joint, name) not in self.numbers:
+            known = self.robot.number(joint, name)
+            self.numbers[joint, name] = np.full(self.n, np.inf if known is None else known)
+        return self.numbers[joint, name]
 
     def play(self, joint: str) -> dict[str, FloatArray]:
         """The play between a joint and its link, (n,) values each, none at first, to write to.
@@ -121,12 +130,16 @@ class Trials:
 
     @property
     def with_laws(self) -> NDArray[np.bool_]:
-        """(n,) whether a law does anything in a variant."""
+        """(n,) whether a law does anything in a variant, one of a drive in Python among them."""
+        if self.robot.programs:
+            return np.ones(self.n, dtype=bool)
         return self._acting(list(self.laws))
 
     @property
     def stepwise(self) -> NDArray[np.bool_]:
         """(n,) whether a law does anything that cannot be known before the simulation."""
+        if self.robot.programs:
+            return np.ones(self.n, dtype=bool)
         return self._acting([key for key in self.laws if not key[0].targets_only])
 
     def _acting(self, laws: Sequence[tuple[type[DrivetrainLaw], str, str]]) -> NDArray[np.bool_]:
@@ -174,6 +187,9 @@ class Trials:
         if any(block.mounts for block in blocks):
             for block in blocks:
                 block.mount()
+        for joint, name in dict.fromkeys(key for block in blocks for key in block.numbers):
+            for block in blocks:
+                block.number(joint, name)
         for k, columns in enumerate(whole._columns()):
             parts = [block._columns()[k] for block in blocks]
             columns.update({name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
@@ -194,6 +210,7 @@ class Trials:
             self.laws,
             self.plays,
             self.mounts,
+            self.numbers,
         )
 
 

@@ -120,6 +120,9 @@ def nominal_effort(
             effort = drive.stiffness * (target - q) - drive.damping * qd
         else:
             effort = drive.damping * (target - qd)
+        limit = robot.number(joint, "effort_limit") if drive.in_python else None
+        if limit is not None:
+            effort = np.clip(effort, -limit, limit)
         if model.actuator_forcelimited[drive.actuator]:
             gear = abs(float(model.actuator_gear[drive.actuator, 0]))
             low, high = gear * model.actuator_forcerange[drive.actuator]

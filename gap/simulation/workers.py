@@ -8,6 +8,8 @@ have had nothing to do for a while, or when this process ends.
 
 from __future__ import annotations
 
+import pickle
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -15,6 +17,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
 from joblib.externals.loky.backend import get_context
+from joblib.externals.loky.cloudpickle_wrapper import dumps
 
 from walkerkit.walkers.batch import count_warnings, counted_warnings
 
@@ -30,12 +33,12 @@ def side_by_side(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list
     """What a function makes of each of some jobs, each in a process of its own.
 
     Args:
-        function: called with one job; both are pickled.
+        function: called with one job; both are pickled, laws that a script defines among them.
         jobs: what it is called with, at least one.
 
     Returns:
         The results, in the order of the jobs. The jobs of processes that died, as those do that the
-        system has no memory for, are done in this one.
+        system has no memory for, and those that they could not read are done in this one.
 
     Raises:
         Exception: what the function raised.
@@ -77,7 +80,9 @@ class _Sent(Generic[Job, Result]):
         for worker in (*known, None):
             try:
                 self._worker = worker or _Worker()
-                self._worker.pipe.send((function, job))
+                self._worker.pipe.send(sys.path)
+                # A user's laws may come from a script, or from a folder that joined the path late.
+                self._worker.pipe.send_bytes(dumps((function, job)))
             except OSError:  # it has ended, or cannot be started
                 self.end()
             else:
@@ -88,13 +93,16 @@ class _Sent(Generic[Job, Result]):
         if self._worker is None:
             return self._function(self._job)
         try:
-            result, error, warned = self._worker.pipe.recv()
+            answer = self._worker.pipe.recv()
         except (EOFError, OSError):
             self.end()
             return self._function(self._job)
         with _FREE:
             _free.append(self._worker)
         self._worker = None
+        if answer is None:
+            return self._function(self._job)
+        result, error, warned = answer
         count_warnings(warned)
         if error is not None:
             raise error
@@ -112,9 +120,15 @@ def _serve(pipe: Connection) -> None:
     with closing(pipe):
         while pipe.poll(_IDLE):
             try:
-                function, job = pipe.recv()
+                sys.path[:] = pipe.recv()
+                sent = pipe.recv_bytes()
             except EOFError:
                 return
+            try:
+                function, job = pickle.loads(sent)
+            except Exception:  # it needs what the asking process alone has
+                pipe.send(None)
+                continue
             result: Any = None
             error = None
             with counted_warnings() as counted:

@@ -33,6 +33,7 @@ def can_close(robot: Robot, joint: str) -> bool:
     drives = robot.joints[joint].drives
     return (
         not robot.laws
+        and not robot.programs
         and robot.base is None
         and len(drives) == 1
         and drives[0].kind == "position"

@@ -122,3 +122,23 @@ class TestDelayedMlp(TestMlp):
 
 def sigmoid(x):
     return 1.0 / (1.0 + math.exp(-x))
+
+
+@pytest.mark.parametrize("missing", ["pos_scale", "vel_scale", "torque_scale"])
+def test_a_scale_that_is_forgotten_is_an_error(tmp_path, missing):
+    Mlp(weights=WEIGHTS, biases=BIASES, activations=["tanh", "identity"]).save(tmp_path / "m.npz")
+    scales = {"pos_scale": 1.0, "vel_scale": 1.0, "torque_scale": 1.0}
+    del scales[missing]
+    with pytest.raises(TypeError, match=missing):
+        LearnedMlpActuatorCfg(
+            joint_names_expr=EXPRESSIONS, network_file=tmp_path / "m.npz", **scales, **MOTOR
+        )
+
+
+def test_history_length_counts_the_present_and_two_before(tmp_path):
+    Mlp(weights=WEIGHTS, biases=BIASES, activations=["tanh", "identity"]).save(tmp_path / "m.npz")
+    scales = {"pos_scale": 1.0, "vel_scale": 1.0, "torque_scale": 1.0}
+    cfg = LearnedMlpActuatorCfg(
+        joint_names_expr=EXPRESSIONS, network_file=tmp_path / "m.npz", **scales, **MOTOR
+    )
+    assert cfg.history_length == 3

@@ -52,6 +52,8 @@ def learned(folder):
         joint_names_expr=(".*",),
         network_file=folder / "mlp.npz",
         history_length=2,
+        pos_scale=1.0,
+        vel_scale=1.0,
         torque_scale=5.0,
         saturation_effort=35.0,
         velocity_limit=30.0,

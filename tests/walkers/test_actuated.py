@@ -293,6 +293,7 @@ class TestCommand:
 def network(folder, kind):
     rng = np.random.default_rng(3)
     motor = {"saturation_effort": 9.0, "velocity_limit": 20.0, "effort_limit": 5.0}
+    motor |= {"pos_scale": 1.0, "vel_scale": 1.0, "torque_scale": 1.0}
     path = folder / f"{kind}.npz"
     if kind == "mlp":
         Mlp(

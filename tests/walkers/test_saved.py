@@ -106,7 +106,6 @@ def test_configs_that_are_given_count_alone(arm):
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ({"laws": {"wrist": {"stribek_friction": {}}}}, "did you mean 'stribeck_friction'"),
         ({"laws": {"wrist": {"cogging": {"amplitude": 1.0}}}}, "KeyError: 'periods'"),
         ({"command": {"wrist": {"effort": {"slope": 1.0}}}}, "KeyError: 'offset'"),
         ({"command": None}, "write it with `walkerkit diagnose`"),
@@ -120,6 +119,13 @@ def test_a_file_that_is_none_of_ours_is_named_with_the_remedy(arm, entry, messag
     ) as caught:
         saved_actuators(path)
     assert message in str(caught.value)
+
+
+def test_a_law_that_nobody_has_defined_is_named_with_the_remedy(arm):
+    path = arm(laws={"wrist": {"stribek_friction": {}}})
+    with pytest.raises(ValueError, match=r"did you mean 'stribeck_friction'.*Import the") as caught:
+        saved_actuators(path)
+    assert str(caught.value).startswith(f"{path.parent / 'actuators.json'}: ")
 
 
 def test_a_robot_without_drives_asks_for_configs(tmp_path):

@@ -104,6 +104,40 @@ class TestMatches:
         assert mlp.activations == ("softsign",)
         assert_same(mlp, path)
 
+    def test_scales_and_offsets_become_part_of_the_layers(self, path, out):
+        nodes = [
+            node("Sub", "x m", "a"),
+            node("Div", "a s", "b"),
+            node("MatMul", "b A", "c"),
+            node("Add", "c m", "d"),
+            node("Add", "m d", "d2"),
+            node("BatchNormalization", "d2 s m m s", "e", epsilon=1e-3),
+            node("LeakyRelu", "e", "f", alpha=0.2),
+            node("Mul", "two f", "g"),
+            node("Gemm", "g w c1", "h"),
+            node("Elu", "h", "i", alpha=0.5),
+            node("Neg", "i", "j"),
+            node("Sub", "two j", "y"),
+        ]
+        rng = np.random.default_rng(3)
+        constants = {"A": A, "w": W, "c1": C, "two": 2.0}
+        constants |= {name: rng.uniform(0.5, 1.5, 6) for name in "ms"}
+        save(path, nodes, constants)
+        mlp = convert_onnx(path, out)
+        assert mlp.activations == ("leaky_relu(0.2)", "elu(0.5)", "identity")
+        assert_same(mlp, path)
+
+    def test_silu_in_two_operations(self, path, out):
+        nodes = [
+            node("Gemm", "x w c", "h"),
+            node("Sigmoid", "h", "a"),
+            node("Mul", "h a", "y"),
+        ]
+        save(path, nodes, {"w": W, "c": C})
+        mlp = convert_onnx(path, out)
+        assert mlp.activations == ("silu",)
+        assert_same(mlp, path)
+
     def test_constant_nodes_and_identity(self, path, out):
         weight = numpy_helper.from_array(W.astype(np.float32))
         nodes = [
@@ -122,17 +156,9 @@ class TestMatches:
 GEMM = node("Gemm", "x a", "h")
 REFUSED = {
     "softmax": ([GEMM, node("Softmax", "h", "y")], r"node `the_y` \(Softmax\)"),
-    "alpha": ([GEMM, node("Elu", "h", "y", alpha=0.5)], r"\(Elu\).* its alpha is 0\.5"),
-    "scaled": ([GEMM, node("Mul", "h c6", "y")], r"\(Mul\)"),
+    "divided by": ([GEMM, node("Div", "c6 h", "y")], r"\(Div\).*divides by the layer before"),
+    "erf": ([GEMM, node("Erf", "h", "y")], r"\(Erf\)"),
     "residual": ([GEMM, node("Add", "h x", "y")], r"\(Add\).*`x` is not constant"),
-    "two biases": (
-        [node("Gemm", "x a c6", "h"), node("Add", "h c6", "y")],
-        r"\(Add\).*does not directly follow a linear layer without a bias",
-    ),
-    "bias behind": (
-        [GEMM, node("Tanh", "h", "g"), node("Add", "g c6", "y")],
-        r"\(Add\).*does not directly follow",
-    ),
     "twice": ([GEMM, node("Tanh", "h", "g"), node("Relu", "g", "y")], r"\(Relu\)"),
     "first": ([node("Tanh", "x", "h"), node("Gemm", "h a", "y")], r"\(Tanh\)"),
     "branches": (

@@ -25,7 +25,45 @@ MODULES = {
     "softsign": nn.Softsign,
     "sigmoid": nn.Sigmoid,
     "identity": nn.Identity,
+    "leaky_relu": nn.LeakyReLU,
+    "leaky_relu(0.2)": lambda: nn.LeakyReLU(0.2),
+    "elu(0.5)": lambda: nn.ELU(0.5),
+    "silu": nn.SiLU,
+    "gelu": nn.GELU,
+    "gelu_tanh": lambda: nn.GELU(approximate="tanh"),
 }
+
+
+class Normalised(nn.Module):
+    """Means and deviations before, a batch norm between, and what undoes them behind."""
+
+    def __init__(self):
+        super().__init__()
+        for name in ("mean", "deviation"):
+            self.register_buffer(name, torch.rand(6) + 0.5)
+        self.body = nn.Sequential(
+            nn.Linear(6, 8), nn.BatchNorm1d(8), nn.ELU(), nn.BatchNorm1d(8), nn.Linear(8, 2)
+        )
+        for norm in (self.body[1], self.body[3]):
+            for tensor in (norm.running_mean, norm.running_var, norm.weight.data, norm.bias.data):
+                tensor.uniform_(0.5, 1.5)
+        self.register_buffer("scale", torch.rand(2) + 1)
+
+    def forward(self, x):
+        y = self.body((x - self.mean) / self.deviation)
+        return 3.0 - 2.0 * (y * self.scale + 0.25)
+
+
+class Squashed(nn.Module):
+    """Scales on both sides of the last activation, and signs."""
+
+    def __init__(self):
+        super().__init__()
+        self.first, self.last = nn.Linear(6, 4, bias=False), nn.Linear(4, 3)
+
+    def forward(self, x):
+        y = self.last(torch.sub(-self.first(x * 0.5), 0.3, alpha=2.0).tanh() / 4.0)
+        return 20.0 * torch.tanh(y * 0.1) + 1.0
 
 
 class Functional(nn.Module):
@@ -107,7 +145,7 @@ class TestMatches:
         assert_same(Mlp.load(out), module, seed=1)
 
     @pytest.mark.parametrize("as_module", [lambda module: module, scripted, traced])
-    @pytest.mark.parametrize("kind", [Functional, Separate])
+    @pytest.mark.parametrize("kind", [Functional, Separate, Normalised, Squashed])
     def test_other_ways_to_write_it(self, tmp_path, as_module, kind):
         module = seeded(kind)
         mlp = convert_torch(as_module(module), tmp_path / "net.npz")
@@ -141,13 +179,18 @@ class TestMatches:
         assert convert_torch(sequential("relu"), tmp_path / "n.npz", activations=names)
 
 
-class Scaled(nn.Module):
+class Inverse(nn.Module):
     def __init__(self):
         super().__init__()
         self.net = sequential()
 
     def forward(self, x):
-        return 10.0 * self.net(x)
+        return 10.0 / self.net(x)
+
+
+class ThroughNothing(Inverse):
+    def forward(self, x):
+        return self.net(x / 0.0)
 
 
 class Residual(nn.Module):
@@ -228,15 +271,19 @@ def body(*modules):
 
 REFUSED = {
     "layer norm": (lambda: body(nn.LayerNorm(6)), "`aten::layer_norm` of module `body.1`"),
-    "gelu": (lambda: body(nn.GELU()), "`aten::gelu` of module `body.1`"),
-    "alpha": (lambda: body(nn.ELU(alpha=0.5)), r"`aten::elu` of module `body.1`.* \[0\.5, 1, 1\]"),
-    "leaky": (lambda: body(nn.LeakyReLU()), "`aten::leaky_relu` of module `body.1`"),
+    "mish": (lambda: body(nn.Mish()), "`aten::mish` of module `body.1`.*gelu_tanh"),
+    "selu": (lambda: body(nn.SELU()), "`aten::selu` of module `body.1`|factors are"),
+    "fitting norm": (
+        lambda: body(nn.BatchNorm1d(6, track_running_stats=False)),
+        "takes its means from what it is given|its forward fails",
+    ),
+    "inverse": (Inverse, "`aten::div`.*divides by the layer|`aten::reciprocal`"),
+    "through nothing": (ThroughNothing, "its numbers are not finite"),
     "twice": (lambda: body(nn.Tanh(), nn.ReLU()), "`aten::relu` of module `body.2`.*follow"),
     "first": (lambda: nn.Sequential(nn.Tanh(), nn.Linear(6, 1)), "`aten::tanh` of module `0`"),
-    "scaled": (Scaled, "`aten::mul`.*torque_scale"),
     "residual": (Residual, "`aten::add` cannot be converted"),
     "skipping": (Skipping, "`aten::linear` of module `second`|`aten::linear` of module `first`"),
-    "pair": (Pair, "prim::TupleConstruct"),
+    "pair": (Pair, "it returns something else than its last layer"),
     "ratio": (Ratio, "`aten::add` cannot be converted"),
     "denominator": (Denominator, "it returns something else than its last layer"),
     "squeezed": (Squeezed, "`aten::squeeze`"),

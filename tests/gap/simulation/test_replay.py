@@ -703,9 +703,14 @@ class TestCommands:
                 "robots:arm",
                 "position",
                 r"no `hip/effort_target`\. Log that .*IdealPdActuatorCfg, .* bare motor in the "
-                "model: give the walker BuiltinPdActuatorCfg with the same gains",
+                r"MJCF: give as the model a `package\.module:callable` that returns the walker",
             ),
-            ('<motor joint="hip"/>', "arm.xml", "position", r"its drive really has\.$"),
+            (
+                '<motor joint="hip"/>',
+                "arm.xml",
+                "position",
+                r"its drive really has\. An actuator whose law runs in Python, .* bare motor",
+            ),
         ],
     )
     def test_says_how_a_robot_gets_the_actuator(self, actuators, source, target, message):
