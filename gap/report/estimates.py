@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.report.diagnosis import Estimate
+from walkerkit.gap.effects import EVERYWHERE
+from walkerkit.gap.report.diagnosis import Change, Estimate
 from walkerkit.gap.search.certainty import INSENSITIVE, at_bound
-from walkerkit.gap.search.structure import Fit, Term
+from walkerkit.gap.search.structure import Fit, Slot, Term
+from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
 
@@ -17,7 +21,11 @@ _NOTHING = 1e-9  # so stiff that more makes no difference
 
 
 def estimates(
-    fit: Fit, term: Term, variance: FloatArray, sensitivity: FloatArray
+    fit: Fit,
+    term: Term,
+    variance: FloatArray,
+    sensitivity: FloatArray,
+    mended: Sequence[Robot] = (),
 ) -> tuple[Estimate, ...]:
     """The numbers of one term of a fit.
 
@@ -26,6 +34,7 @@ def estimates(
         term: one of its structure's.
         variance: as `covariance` has it of the fit.
         sensitivity: the same.
+        mended: the fit's robots with all that was named; none for what is not written anywhere.
     """
     lower, upper = fit.structure.bounds
     stopped = at_bound(fit)
@@ -43,9 +52,25 @@ def estimates(
             at_bound=bool(stopped[i]) and not choice,
             lower=float(lower[i]),
             upper=float(upper[i]),
+            field=slot.term.effect.fields[slot.parameter.name].path,
+            changes=tuple(_changes(slot, fit.structure.robots, mended)),
         )
         found.append(_inverted(estimate, *slot.parameter.inverse))
     return tuple(found)
+
+
+def _changes(slot: Slot, given: Sequence[Robot], mended: Sequence[Robot]) -> Iterator[Change]:
+    """What each robot had and has at each site that a number is of."""
+    read = slot.term.effect.fields[slot.parameter.name].read
+    sites = slot.term.sites if slot.place == EVERYWHERE else (slot.place,)
+    for before, after in zip(given, mended, strict=len(mended) > 0):
+        for site in sites:
+            was, now = (read(robot, site, before) for robot in (before, after))
+            yield Change(model=before.stem, place=site, was=_number(was), now=_number(now))
+
+
+def _number(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
 
 
 def _inverted(estimate: Estimate, name: str = "", unit: str = "") -> Estimate:
@@ -60,4 +85,8 @@ def _inverted(estimate: Estimate, name: str = "", unit: str = "") -> Estimate:
         std=None if estimate.std is None else estimate.std / estimate.value**2,
         lower=1 / estimate.upper,
         upper=1 / max(estimate.lower, _NOTHING),
+        changes=tuple(
+            replace(one, was=1 / one.was if one.was else None, now=1 / one.now if one.now else None)
+            for one in estimate.changes
+        ),
     )

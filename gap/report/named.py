@@ -13,12 +13,13 @@ from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.naming import Candidate, Round
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Term
+from walkerkit.gap.simulation.robot import Robot
 
 _AS_GOOD = 0.05  # of the score: one that was tried and stayed further behind is not the same
 
 
 def named_effects(
-    problem: Problem, rounds: Sequence[Round], after: Replayed
+    problem: Problem, rounds: Sequence[Round], after: Replayed, mended: Sequence[Robot]
 ) -> tuple[NamedEffect, ...]:
     """The terms of the final structure, with the round that named each.
 
@@ -26,6 +27,7 @@ def named_effects(
         problem: what was explained.
         rounds: the search.
         after: the held-out recordings, replayed by the mended robots.
+        mended: these robots.
     """
     final = rounds[-1].fit
     if not final.structure.terms:
@@ -49,7 +51,7 @@ def named_effects(
                 joints=() if term.effect.kind == "body" else _shown_joints(term),
                 bodies=term.sites if term.effect.kind == "body" else (),
                 confidence=one.confidence,
-                parameters=estimates(final, term, variance, sensitivity),
+                parameters=estimates(final, term, variance, sensitivity, mended),
                 gap_after=gaps["position"],
                 gaps_after=gaps,
                 indistinguishable_from=tuple(dict.fromkeys([*rivals, *equivalent])),

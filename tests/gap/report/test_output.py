@@ -112,6 +112,11 @@ EFFECT = {
             "value": NUMBER,
             "std": (NUMBER, None),
             "unit": str,
+            "was": (NUMBER, None),
+            "is": (NUMBER, None),
+            "field": str,
+            "lower": (NUMBER, None),
+            "upper": (NUMBER, None),
             "at_bound": bool,
         }
     ],
