@@ -278,6 +278,53 @@ def _end_with_failures(fleet: Any, manifest: Path) -> NoReturn:
 
 
 @app.command()
+def apply(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a diagnosis.")],
+    model: Annotated[Path, typer.Argument(help="Another MJCF file of the same robot.")],
+    out: Annotated[Path, typer.Option(help="The MJCF file to write.")],
+    effect: Annotated[
+        list[str] | None, typer.Option(help="Apply only this effect. May be repeated.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace files that are there.")
+    ] = False,
+    allow_outside: AllowOutside = False,
+) -> None:
+    """Write what a diagnosis has found into another model of the robot.
+
+    Only the attributes that it names change; every other byte of the file stays.
+    What MJCF cannot say goes to actuators.json beside it.
+    """
+    from walkerkit.gap.deliver import apply as apply_to
+
+    done = apply_to(
+        folder,
+        model,
+        out=out,
+        effects=effect or (),
+        overwrite=overwrite,
+        allow_outside=allow_outside,
+    )
+    console = _console()
+
+    def say(line: str) -> None:
+        console.print(line, markup=False, soft_wrap=True, highlight=False)
+
+    for line in done.changes or ("No attribute changes.",):
+        say(line)
+    if done.beside:
+        say("MJCF cannot say the following, which is in actuators.json beside it:")
+    for line in done.beside:
+        say(f"  {line}")
+    for note in done.notes:
+        say(f"Note: {note}")
+    for name, version in done.needs.items():
+        say(f"Note: {name} takes MuJoCo {version} or newer.")
+    for path in done.files:
+        say(f"Written: {path}")
+
+
+@app.command()
 def effects() -> None:
     """List the catalogue of effects."""
     from rich.table import Column, Table
