@@ -19,6 +19,7 @@ from walkerkit.gap.simulation.trials import Trials
 # How far the joints went is not asked here; nothing that was found is too small to be there.
 _SLIGHT = Excursion(lower=-5e-7, upper=5e-7)
 _OF_THE_RIG = ("base_tilt",)  # where the robot was mounted, not of the robot
+_DIGITS = 1e-5  # of a number in diagnosis.json
 _ADDS = 1e-4  # how well a sum has to be met by numbers of six digits
 
 
@@ -145,9 +146,13 @@ def _value(
     if was is not None and was == now:
         return parameter.zero
     value = float(found["value"])
+    own = effect.fields[parameter.name].read(robot, site, robot)
+    if own is not None and now is not None and own:
+        there = 1 / own if inverse else own
+        if math.isclose(there, now, rel_tol=_DIGITS):
+            return parameter.zero  # it has been applied already
     if inverse:
         return 1 / value
-    own = effect.fields[parameter.name].read(robot, site, robot)
     if was is None or now is None or own is None:
         return value
     if not math.isclose(now - was, value, rel_tol=_ADDS, abs_tol=_ADDS * abs(now)):
