@@ -325,6 +325,28 @@ def apply(
 
 
 @app.command()
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a diagnosis.")],
+    to: Annotated[str, typer.Option(help="mjlab, isaaclab, mjx or warp.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder to write; by default DIR/ and the trainer's name.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace what is in the folder.")
+    ] = False,
+) -> None:
+    """Write a diagnosis in the words of a trainer: model, configs, laws, ranges."""
+    from walkerkit.gap.deliver import export as export_to
+
+    done = export_to(folder, to, out=out, overwrite=overwrite)
+    console = _console()
+    lines = [f"Written: {path}" for path in done.files]
+    lines += [f"Lost: {line}" for line in done.lost]
+    for line in [*lines, *(f"Note: {note}" for note in done.notes)]:
+        console.print(line, markup=False, soft_wrap=True, highlight=False)
+
+
+@app.command()
 def effects() -> None:
     """List the catalogue of effects."""
     from rich.table import Column, Table

@@ -57,6 +57,7 @@ class Estimate:
         lower, upper: the bounds of its range.
         field: where it is in the robot's files, element and attribute, e.g. `joint/frictionloss`.
         changes: what each robot had there and has now, with all effects that change it.
+        correlation: with each number of all effects, in their order.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Estimate:
     upper: float = math.inf
     field: str = ""
     changes: tuple[Change, ...] = ()
+    correlation: tuple[float, ...] = ()
 
     @property
     def was(self) -> float | None:
@@ -299,6 +301,7 @@ class Diagnosis:
                 for at in self.locations
             ],
             "effects": [_effect(named) for named in self.effects],
+            **self._correlation(),
             "next_experiment": _next_experiment(self.next_experiment),
             **({"hints": [_hint(hint) for hint in self.hints]} if self.hints else {}),
             "recordings": list(self.recordings),
@@ -308,6 +311,12 @@ class Diagnosis:
             "notes": list(self.notes),
             "seconds": self.seconds,
         }
+
+    def _correlation(self) -> dict[str, Any]:
+        numbers = [of for named in self.effects for of in named.parameters]
+        if not numbers or any(len(of.correlation) != len(numbers) for of in numbers):
+            return {}
+        return {"correlation": [list(of.correlation) for of in numbers]}
 
     def to_json(self) -> str:
         """diagnosis.json; numbers carry six significant digits."""

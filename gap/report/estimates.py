@@ -37,6 +37,7 @@ def estimates(
         mended: the fit's robots with all that was named; none for what is not written anywhere.
     """
     lower, upper = fit.structure.bounds
+    correlation = _correlation(fit, variance)
     stopped = at_bound(fit)
     found = []
     for i in fit.structure.columns(term):
@@ -54,9 +55,24 @@ def estimates(
             upper=float(upper[i]),
             field=slot.term.effect.fields[slot.parameter.name].path,
             changes=tuple(_changes(slot, fit.structure.robots, mended)),
+            correlation=tuple(map(float, correlation[i])),
         )
         found.append(_inverted(estimate, *slot.parameter.inverse))
     return tuple(found)
+
+
+def _correlation(fit: Fit, variance: FloatArray) -> FloatArray:
+    """(n_parameters, n_parameters) correlations of what is told of a fit's values."""
+    std = np.sqrt(np.maximum(np.diag(variance), 0.0))
+    felt = std > 0
+    size = np.where(felt, std, 1.0)
+    # One over a number moves the other way.
+    inverse = [bool(slot.parameter.inverse) for slot in fit.structure.slots]
+    sign = np.where(np.array(inverse) & (fit.values > 0), -1.0, 1.0)
+    found: FloatArray = variance / np.outer(size, size) * np.outer(sign, sign)
+    found[~felt], found[:, ~felt] = 0.0, 0.0
+    np.fill_diagonal(found, 1.0)
+    return np.clip(found, -1.0, 1.0)
 
 
 def _changes(slot: Slot, given: Sequence[Robot], mended: Sequence[Robot]) -> Iterator[Change]:

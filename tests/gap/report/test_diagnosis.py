@@ -44,6 +44,14 @@ def everything(confused: Diagnosis) -> Diagnosis:
     )
     first = replace(delay.parameters[0], field="actuator/delay", changes=of_models)
     delay = replace(delay, parameters=(first, *delay.parameters[1:]))
+    n = len(friction.parameters) + len(delay.parameters) + len(payload.parameters)
+    friction, delay, payload = (
+        replace(
+            one,
+            parameters=tuple(replace(of, correlation=(0.5,) * n) for of in one.parameters),
+        )
+        for one in (friction, delay, payload)
+    )
     known = replace(delay, equivalent=(("sensor_delay", "They shift the same curves."),))
     swapped = WiringError(
         kind="joint_swap",

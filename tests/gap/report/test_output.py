@@ -180,7 +180,7 @@ def fits(value: Any, form: Any) -> bool:
 def check_diagnosis(content: dict[str, Any]) -> None:
     for key, form in DIAGNOSIS.items():
         assert fits(content[key], form), (key, content[key])
-    assert set(content) - {"only"} == set(DIAGNOSIS)
+    assert set(content) - {"only", "correlation"} == set(DIAGNOSIS)
     assert fits(content.get("only", []), [str])
     assert content["schema"] == 1
     assert content["verdict"] in ("explained", "partly_explained", "no_gap", "unexplained")
