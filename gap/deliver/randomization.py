@@ -150,7 +150,9 @@ def randomization_code(known: Posterior) -> str:
         "",
         "def draw(random, n):",
         '    """n draws: key to (n,) values of its field. `random` is a numpy Generator."""',
-        "    covariance = CORRELATION.reshape(len(STD), len(STD)) * np.outer(STD, STD)",
+        "    if not RANGES:",
+        "        return {}",
+        "    covariance = CORRELATION * np.outer(STD, STD)",
         '    drawn = random.multivariate_normal(MEAN, covariance, size=n, method="eigh")',
         "    drawn = np.clip(drawn, LOWER, UPPER)",
         "    return dict(zip(RANGES, drawn.T, strict=True))",
@@ -159,5 +161,5 @@ def randomization_code(known: Posterior) -> str:
 
 
 def _list(values: FloatArray) -> str:
-    numbers = (repr(float(v)) if np.isfinite(v) else f"{'-' * (v < 0)}np.inf" for v in values)
-    return f"[{', '.join(numbers)}]"
+    names = {np.inf: "np.inf", -np.inf: "-np.inf"}
+    return f"[{', '.join(names.get(v, repr(v)) for v in map(float, values))}]"

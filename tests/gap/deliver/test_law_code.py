@@ -18,7 +18,7 @@ SIZES = {
     "sample_and_hold": {"period": 0.009},
     "setpoint_filter": {"time_constant": 0.013},
     "slew_limit": {"rate": 2.0},
-    "controller_deadband": {"width": 0.03},
+    "controller_deadband": {"width": 0.6},
     "load_side_feedback": {"share": 0.7},
     "integral_action": {"gain": 30.0, "clamp": 0.5},
     "velocity_filter": {"time_constant": 0.02},
