@@ -66,6 +66,13 @@ AllowOutside = Annotated[
     ),
 ]
 Out = Annotated[Path, typer.Option(help="Folder for the report, the mended model and the JSON.")]
+Traces = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="FILE",
+        help="Also write measured and simulated signals: .parquet, .mcap or .rrd. May be repeated.",
+    ),
+]
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace what another run has left in the folder.")
 ]
@@ -159,6 +166,7 @@ def diagnose(
     out: Out = Path("walkerkit-diagnosis"),
     window: Window = 0.5,
     effect: Effects = None,
+    traces: Traces = None,
     threads: Threads = 0,
     overwrite: Overwrite = False,
     allow_code: AllowCode = False,
@@ -170,9 +178,12 @@ def diagnose(
     The same command goes on where one that was killed had come to.
     """
     from walkerkit.gap import workflow
+    from walkerkit.gap.deliver.traces import check_traces, write_traces
     from walkerkit.gap.report.output import check_folder
 
     check_folder(out)
+    for path in traces or ():
+        check_traces(path)
     with _progress() as progress:
         result = workflow.diagnose(
             model,
@@ -187,6 +198,8 @@ def diagnose(
             out=out,
             overwrite=overwrite,
         )
+    for path in traces or ():
+        write_traces(result.diagnosis.traces, path)
     _print_result(result, as_json=json)
     if not json:
         _console().print(f"Written to {out}", markup=False, soft_wrap=True)

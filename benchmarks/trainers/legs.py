@@ -41,31 +41,48 @@ LEG = """<mujoco model="leg">
 SEEN = Excursion(lower=-0.6, upper=0.7, velocity=4.0, acceleration=60.0, effort=6.0)
 
 
-def leg_at(path: Path) -> Robot:
-    """The leg, from a file that is written first."""
+def leg_at(path: Path, text: str = LEG) -> Robot:
+    """The leg, or another robot, from a file that is written first."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(LEG, encoding="utf-8")
+    path.write_bytes(text.encode())
     robot = load_robot(path)
     return replace(robot, excursions=dict.fromkeys(robot.joints, SEEN))
 
 
-def structure_of(robot: Robot, name: str) -> tuple[Structure, FloatArray]:
-    """An effect on all of a robot, with values that do something."""
+def found_in(
+    robot: Robot, name: str, sites: tuple[str, ...] | None = None
+) -> tuple[Structure, FloatArray]:
+    """An effect of some size: its structure and its values, which have many digits."""
     (term,) = candidate_terms([CATALOGUE[name]], [robot], [*robot.joints])
-    structure = Structure((term,), (robot,))
-    return structure, np.array([slot.parameter.starts[-1] for slot in structure.slots])
+    structure = Structure((replace(term, sites=sites) if sites else term,), (robot,))
+    values = [
+        slot.parameter.starts[0]
+        if slot.parameter.choice
+        else slot.parameter.starts[-1] * 0.8127364523 + slot.parameter.starts[0] * 0.1234567
+        for slot in structure.slots
+    ]
+    return structure, np.array(values)
 
 
-def mended_with(robot: Robot, name: str) -> Robot:
-    """The robot with an effect."""
-    structure, values = structure_of(robot, name)
+def mended_with(robot: Robot, name: str, sites: tuple[str, ...] | None = None) -> Robot:
+    """The robot with an effect of some size, at all sites or some."""
+    structure, values = found_in(robot, name, sites)
     return mend(structure.trials(robot, values[None]))
 
 
-def diagnosed(folder: Path, name: str) -> Robot:
-    """Saves what a diagnosis of the leg would have found; returns the mended robot."""
-    robot = leg_at(folder / "own" / "leg.xml")
-    structure, values = structure_of(robot, name)
+def diagnosed(folder: Path, robot: Robot, name: str, sites: tuple[str, ...] | None = None) -> Robot:
+    """Saves what a diagnosis would have found.
+
+    Args:
+        folder: made.
+        robot: from a file.
+        name: the effect.
+        sites: where; everywhere by default.
+
+    Returns:
+        The mended robot.
+    """
+    structure, values = found_in(robot, name, sites)
     mended = mend(structure.trials(robot, values[None]))
     (term,) = structure.terms
     kind = "body" if term.effect.kind == "body" else "joint"
@@ -78,7 +95,7 @@ def diagnosed(folder: Path, name: str) -> Robot:
             {
                 "name": slot.parameter.name,
                 kind: slot.place,
-                "value": float(value),
+                "value": float(f"{value:.6g}"),
                 "std": 0.02 * abs(float(value)),
                 "unit": slot.parameter.unit,
                 "was": was,
@@ -89,15 +106,16 @@ def diagnosed(folder: Path, name: str) -> Robot:
         )
     effect = {
         "effect": name,
-        "joints": [] if kind == "body" else list(term.sites),
+        "joints": [] if kind == "body" else ["*"] if term.shared else list(term.sites),
         **({"bodies": list(term.sites)} if kind == "body" else {}),
+        "confidence": 0.9,
         "parameters": parameters,
         "indistinguishable_from": [],
     }
-    result = folder / "result"
-    result.mkdir()
-    write_mended(robot, mended, result / "model.xml")
+    folder.mkdir(parents=True)
+    write_mended(robot, mended, folder / "model.xml")
     content = json.dumps(sidecar({"model.xml": mended}, [effect]))
-    (result / FILE).write_text(content, encoding="utf-8")
-    (result / "diagnosis.json").write_text(json.dumps({"effects": [effect]}), encoding="utf-8")
+    (folder / FILE).write_text(content, encoding="utf-8")
+    content = json.dumps({"schema": 2, "effects": [effect]})
+    (folder / "diagnosis.json").write_text(content, encoding="utf-8")
     return mended

@@ -6,7 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
-from tests.gap.deliver.robots import AWKWARD, diagnosis_in, robot_at
+from benchmarks.trainers.legs import diagnosed, leg_at
+from tests.gap.deliver.robots import AWKWARD
 from walkerkit.gap.deliver import apply
 from walkerkit.gap.deliver.patch import differences
 from walkerkit.gap.effects import CATALOGUE
@@ -59,8 +60,8 @@ def tag_changes(before, after):
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_diagnosed_model_becomes_the_mended_one(name, tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    mended = diagnosis_in(tmp_path / "result", robot, name)
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    mended = diagnosed(tmp_path / "result", robot, name)
     out = tmp_path / "own" / "new.xml"
     apply(tmp_path / "result", tmp_path / "own" / "leg.xml", out=out)
     again = with_sidecar(load_robot(out), out)
@@ -79,8 +80,8 @@ def test_the_diagnosed_model_becomes_the_mended_one(name, tmp_path):
 
 
 def test_a_scene_keeps_all_but_the_attribute(floating, tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    mended = diagnosis_in(tmp_path / "result", robot, "coulomb_friction", ("knee",))
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    mended = diagnosed(tmp_path / "result", robot, "coulomb_friction", ("knee",))
     done = apply(tmp_path / "result", floating, out=floating.parent / "new.xml")
     assert [path.name for path in done.files] == ["new.xml", "new_robot.xml"]
     ((_, line),) = tag_changes(FLOATING, (floating.parent / "new.xml").read_text())
@@ -95,8 +96,8 @@ def test_a_scene_keeps_all_but_the_attribute(floating, tmp_path):
 
 
 def test_an_actuator_says_it_in_its_own_units(floating, tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    mended = diagnosis_in(tmp_path / "result", robot, "position_gain", ("knee",))
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    mended = diagnosed(tmp_path / "result", robot, "position_gain", ("knee",))
     out = tmp_path / "elsewhere" / "scene.xml"
     apply(tmp_path / "result", floating, out=out)
     new = load_robot(out)
@@ -106,8 +107,8 @@ def test_an_actuator_says_it_in_its_own_units(floating, tmp_path):
 
 
 def test_play_gets_a_joint_and_a_number_in_each_keyframe(tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    diagnosis_in(tmp_path / "result", robot, "backlash", ("hip",))
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    diagnosed(tmp_path / "result", robot, "backlash", ("hip",))
     out = tmp_path / "own" / "new.xml"
     apply(tmp_path / "result", tmp_path / "own" / "leg.xml", out=out)
     model = load_robot(out).model
@@ -127,9 +128,9 @@ def test_play_gets_a_joint_and_a_number_in_each_keyframe(tmp_path):
     ],
 )
 def test_what_is_not_the_same_robot_is_refused(text, message, tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
     effect = "armature" if text is URDF else "position_gain"
-    diagnosis_in(tmp_path / "result", robot, effect, ("knee",))
+    diagnosed(tmp_path / "result", robot, effect, ("knee",))
     other = tmp_path / "other.xml"
     other.write_text(text)
     with pytest.raises(InputError, match=message):
@@ -138,8 +139,8 @@ def test_what_is_not_the_same_robot_is_refused(text, message, tmp_path):
 
 
 def test_nothing_is_replaced_unasked(tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    diagnosis_in(tmp_path / "result", robot, "armature")
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    diagnosed(tmp_path / "result", robot, "armature")
     own = tmp_path / "own" / "leg.xml"
     with pytest.raises(InputError, match="--overwrite"):
         apply(tmp_path / "result", own, out=own)
@@ -156,8 +157,8 @@ def test_a_folder_that_is_none_is_refused(tmp_path):
     own.write_text(AWKWARD)
     with pytest.raises(InputError, match="no folder of a diagnosis"):
         apply(tmp_path, own, out=tmp_path / "new.xml")
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    diagnosis_in(tmp_path / "result", robot, "armature")
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    diagnosed(tmp_path / "result", robot, "armature")
     with pytest.raises(InputError, match=r"'armatur' was not named there \(did you mean"):
         apply(tmp_path / "result", own, out=tmp_path / "new.xml", effects=["armatur"])
     content = json.loads((tmp_path / "result" / "diagnosis.json").read_text())
@@ -168,16 +169,16 @@ def test_a_folder_that_is_none_is_refused(tmp_path):
 
 
 def test_the_mount_of_a_robot_that_floats_is_left_out(floating, tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    diagnosis_in(tmp_path / "result", robot, "base_tilt")
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    diagnosed(tmp_path / "result", robot, "base_tilt")
     done = apply(tmp_path / "result", floating, out=floating.parent / "new.xml")
     assert not done.changes
     assert "this one floats" in done.notes[0]
 
 
 def test_what_mjcf_cannot_say_lies_beside(floating, tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    diagnosis_in(tmp_path / "result", robot, "slew_limit", ("hip",))
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    diagnosed(tmp_path / "result", robot, "slew_limit", ("hip",))
     shutil.copy(tmp_path / "result" / "actuators.json", floating.parent)
     done = apply(tmp_path / "result", floating, out=floating.parent / "new.xml")
     assert "hip: law slew_limit" in done.beside[0]

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.gap.deliver.robots import robot_at
+from benchmarks.trainers.legs import leg_at
+from tests.gap.deliver.robots import AWKWARD
 from walkerkit.actuators.drivetrain import LAWS
 from walkerkit.actuators.drivetrain.bank import LawBank
 from walkerkit.actuators.drivetrain.law import Step
@@ -51,7 +52,7 @@ def test_every_law_is_tried():
 
 @pytest.mark.parametrize("name", [*SIZES, "all of them"])
 def test_it_makes_what_the_library_makes(name, tmp_path):
-    robot = robot_at(tmp_path / "leg.xml")
+    robot = leg_at(tmp_path / "leg.xml", AWKWARD)
     chosen = SIZES if name == "all of them" else {name: SIZES[name]}
     robot = replace(robot, laws={"knee": chosen, "hip": dict([*chosen.items()][:1])})
     laws = all_laws(robot, delays=True, drag=True)
@@ -111,7 +112,7 @@ def test_it_makes_what_the_library_makes(name, tmp_path):
 
 
 def test_it_runs_many_robots_side_by_side(tmp_path):
-    robot = replace(robot_at(tmp_path / "leg.xml"), laws={"hip": SIZES})
+    robot = replace(leg_at(tmp_path / "leg.xml", AWKWARD), laws={"hip": SIZES})
     code = exported(law_code(robot, all_laws(robot, delays=True, drag=True), "torch"))
     state = code["start"]((3,))
     zero = torch.zeros((3, 2), dtype=torch.float64)

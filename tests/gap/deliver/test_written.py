@@ -9,7 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.gap.deliver.robots import AWKWARD, SEEN, robot_at, with_effect
+from benchmarks.trainers.legs import SEEN, leg_at, mended_with
+from tests.gap.deliver.robots import AWKWARD
 from walkerkit.gap.deliver.markup import Document
 from walkerkit.gap.deliver.patch import differences
 from walkerkit.gap.deliver.versions import needed
@@ -27,8 +28,8 @@ def changed_lines(before, after):
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_users_file_says_every_effect(name, tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    mended = with_effect(robot, name)
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    mended = mended_with(robot, name)
     (tmp_path / "out").mkdir()
     written = write_mended(robot, mended, tmp_path / "out" / "model.xml")
     assert written.reason == ""
@@ -43,8 +44,8 @@ def test_the_users_file_says_every_effect(name, tmp_path):
 
 
 def test_a_diff_shows_the_attribute_alone(tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    mended = with_effect(robot, "armature", sites=("knee",))
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    mended = mended_with(robot, "armature", sites=("knee",))
     write_mended(robot, mended, tmp_path / "model.xml")
     old, new = changed_lines(AWKWARD, (tmp_path / "model.xml").read_text())
     armature = float(mended.model.dof_armature[1])
@@ -63,16 +64,16 @@ def test_a_diff_shows_the_attribute_alone(tmp_path):
     ],
 )
 def test_a_servo_stays_what_it_is_where_it_can_say_it(name, tag, tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
-    write_mended(robot, with_effect(robot, name), tmp_path / "model.xml")
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    write_mended(robot, mended_with(robot, name), tmp_path / "model.xml")
     nodes = [n.tag for n in Document(tmp_path / "model.xml").root.inside("actuator")[0].children]
     assert nodes == [tag, tag]
 
 
 def test_line_ends_and_marks_stay(tmp_path):
     text = "\ufeff" + AWKWARD.replace('<?xml version="1.0"?>\n', "").replace("\n", "\r\n")
-    robot = robot_at(tmp_path / "own" / "leg.xml", text)
-    written = write_mended(robot, with_effect(robot, "coulomb_friction"), tmp_path / "model.xml")
+    robot = leg_at(tmp_path / "own" / "leg.xml", text)
+    written = write_mended(robot, mended_with(robot, "coulomb_friction"), tmp_path / "model.xml")
     assert written.reason == ""
     new = (tmp_path / "model.xml").read_bytes()
     assert new.startswith("\ufeff".encode())
@@ -103,7 +104,7 @@ def test_included_files_and_meshes_keep_their_places(tmp_path):
     robot = included(tmp_path / "own")
     robot = replace(robot, excursions={"knee": SEEN})
     (tmp_path / "o").mkdir()
-    mended = with_effect(robot, "position_gain")
+    mended = mended_with(robot, "position_gain")
     written = write_mended(robot, mended, tmp_path / "o" / "model.xml")
     assert written.reason == ""
     assert (tmp_path / "o" / "model.xml").read_text() == INCLUDED["scene.xml"]
@@ -118,8 +119,8 @@ REPLICATED = """<mujoco><worldbody><replicate count="2" euler="0 0 90"><body nam
 
 
 def test_what_a_file_does_not_write_out_is_written_anew(tmp_path):
-    robot = robot_at(tmp_path / "own" / "model.xml", REPLICATED)
-    mended = with_effect(robot, "viscous_friction")
+    robot = leg_at(tmp_path / "own" / "model.xml", REPLICATED)
+    mended = mended_with(robot, "viscous_friction")
     written = write_mended(robot, mended, tmp_path / "model.xml")
     assert "not written out" in written.reason
     assert written.needs == {"model": mujoco.__version__}
@@ -128,19 +129,19 @@ def test_what_a_file_does_not_write_out_is_written_anew(tmp_path):
 
 def test_settings_that_undo_a_change_are_seen(tmp_path):
     text = AWKWARD.replace("<compiler ", '<compiler inertiafromgeom="true" ')
-    robot = robot_at(tmp_path / "own" / "leg.xml", text)
-    written = write_mended(robot, with_effect(robot, "payload"), tmp_path / "model.xml")
+    robot = leg_at(tmp_path / "own" / "leg.xml", text)
+    written = write_mended(robot, mended_with(robot, "payload"), tmp_path / "model.xml")
     assert written.reason
 
 
 def test_versions_are_told_of_what_is_new(tmp_path):
-    robot = robot_at(tmp_path / "leg.xml")
-    late = patched(robot, with_effect(robot, "command_delay"))
+    robot = leg_at(tmp_path / "leg.xml", AWKWARD)
+    late = patched(robot, mended_with(robot, "command_delay"))
     assert set(needed(late.edits)) == {"actuator/delay", "actuator/interp", "actuator/nsample"}
-    assert set(needed(patched(robot, with_effect(robot, "quadratic_drag")).edits)) == {
+    assert set(needed(patched(robot, mended_with(robot, "quadratic_drag")).edits)) == {
         "joint/damping"
     }
-    assert not needed(patched(robot, with_effect(robot, "viscous_friction")).edits)
+    assert not needed(patched(robot, mended_with(robot, "viscous_friction")).edits)
 
 
 names = st.sampled_from(["joint", "geom", "a", "frictionloss"])
@@ -191,6 +192,6 @@ def test_only_the_attribute_changes_whatever_is_around_it(
 
 
 def test_nothing_to_say_changes_nothing(tmp_path):
-    robot = robot_at(tmp_path / "own" / "leg.xml")
+    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
     write_mended(robot, mend(Trials(robot, 1)), tmp_path / "model.xml")
     assert (tmp_path / "model.xml").read_text() == AWKWARD
