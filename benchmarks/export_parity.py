@@ -120,6 +120,7 @@ def _reference(mended: Robot, targets: FloatArray) -> FloatArray:
 def _with_laws(mended: Robot, laws: Any, targets: FloatArray) -> FloatArray:
     import torch
 
+    torch.set_num_threads(1)
     made: dict[str, Any] = {}
     text = law_code(mended, laws, "torch").replace("torch.float32", "torch.float64")
     exec(compile(text, "drivetrain.py", "exec"), made)

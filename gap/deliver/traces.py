@@ -133,7 +133,7 @@ def _write_mcap(traces: Sequence[Trace], path: Path) -> None:
                         {name: value for name, value in said.items() if math.isfinite(value)}
                     ).encode(),
                 )
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def _write_rrd(traces: Sequence[Trace], path: Path) -> None:

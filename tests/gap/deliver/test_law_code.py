@@ -13,6 +13,7 @@ from walkerkit.actuators.drivetrain.law import Step
 from walkerkit.gap.deliver.law_code import all_laws, driven, law_code
 
 torch = pytest.importorskip("torch")
+torch.set_num_threads(1)  # two joints are no work to share
 
 SIZES = {
     "command_delay": {"delay": 0.0131},
