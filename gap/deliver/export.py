@@ -15,6 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from walkerkit.actuators.drivetrain import LAWS
 from walkerkit.gap.deliver import isaaclab, mjlab
 from walkerkit.gap.deliver.findings import Findings, read_findings
 from walkerkit.gap.deliver.law_code import all_laws, law_code
@@ -170,7 +171,8 @@ def suited(robot: Robot, trainer: Trainer) -> tuple[Robot, Laws]:
     for joint in spec.joints:
         if ignores_drag:
             joint.damping[1:] = 0.0
-        if laws.get(joint.name) and joint.frictionloss == 0:
+        of_joint = any(LAWS[law].stage == "joint" for law in laws.get(joint.name, {}))
+        if of_joint and joint.frictionloss == 0:
             joint.frictionloss = _SOLVED
     return replace(robot, spec=spec, model=spec.compile()), laws
 
