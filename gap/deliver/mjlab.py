@@ -12,6 +12,7 @@ import numpy as np
 
 from walkerkit.actuators.drivetrain import CommandDelay, TorqueSpeedLimit
 from walkerkit.gap.deliver.law_code import driven
+from walkerkit.gap.deliver.patch import INTEGRATORS
 from walkerkit.gap.simulation.robot import Robot
 
 Laws = Mapping[str, Mapping[str, Mapping[str, float]]]
@@ -19,7 +20,9 @@ _HEAD = '''"""The diagnosed robot for mjlab, made by walkerkit.
 
     from robot import ROBOT          # an mjlab.entity.EntityCfg
 
-Delays are in physics steps of {dt:g} s: simulate with that timestep.
+Delays are in physics steps of {dt:g} s. What is of the simulation mjlab does not take from the
+robot's file, so give it to MujocoCfg: timestep={dt:g}, integrator={integrator!r},
+gravity={gravity}.
 """
 
 from pathlib import Path
@@ -85,7 +88,14 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
     lines = [
         written(kind, "target_names_expr", names, dict(of)) for (kind, of), names in groups.items()
     ]
-    text = _HEAD.format(dt=dt, replaced=tuple(replaced), actuators="\n".join(lines))
+    option = robot.model.opt
+    text = _HEAD.format(
+        dt=dt,
+        integrator=INTEGRATORS[int(option.integrator)].lower(),
+        gravity=tuple(float(f"{g:.6g}") for g in option.gravity),
+        replaced=tuple(replaced),
+        actuators="\n".join(lines),
+    )
     if left:
         notes.append(
             f"laws of {', '.join(left)} are in drivetrain.py, to be called before each step."

@@ -38,7 +38,7 @@ _POLYNOMIALS = {  # attribute to the fields of its first and of its other coeffi
 }
 _ANGLES = ("range", "ref", "springref")
 _CONTACT = ("friction", "solref", "solimp")
-_INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
+INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
@@ -300,7 +300,7 @@ def _patch_option(
     if old.timestep != new.timestep:
         written["timestep"] = whole([new.timestep])
     if old.integrator != new.integrator:
-        written["integrator"] = _INTEGRATORS[int(new.integrator)]
+        written["integrator"] = INTEGRATORS[int(new.integrator)]
     if not written:
         return
     node = elements.option()
