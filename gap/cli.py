@@ -75,6 +75,13 @@ AllowOutside = Annotated[
     ),
 ]
 Out = Annotated[Path, typer.Option(help="Folder for the report, the mended model and the JSON.")]
+Traces = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="FILE",
+        help="Also write measured and simulated signals: .parquet, .mcap or .rrd. May be repeated.",
+    ),
+]
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace what another run has left in the folder.")
 ]
@@ -171,6 +178,7 @@ def diagnose(
     out: Out = Path("walkerkit-diagnosis"),
     window: Window = 0.5,
     effect: Effects = None,
+    traces: Traces = None,
     threads: Threads = 0,
     overwrite: Overwrite = False,
     allow_code: AllowCode = False,
@@ -182,9 +190,12 @@ def diagnose(
     The same command goes on where one that was killed had come to.
     """
     from walkerkit.gap import workflow
+    from walkerkit.gap.deliver.traces import check_traces, write_traces
     from walkerkit.gap.report.output import check_folder
 
     check_folder(out)
+    for path in traces or ():
+        check_traces(path)
     with _progress() as progress:
         result = workflow.diagnose(
             model,
@@ -200,6 +211,8 @@ def diagnose(
             out=out,
             overwrite=overwrite,
         )
+    for path in traces or ():
+        write_traces(result.diagnosis.traces, path)
     _print_result(result, as_json=json)
     if not json:
         _console().print(f"Written to {out}", markup=False, soft_wrap=True)
@@ -288,6 +301,75 @@ def _end_with_failures(fleet: Any, manifest: Path) -> NoReturn:
         err=True,
     )
     raise typer.Exit(2 if all(one.failure.refused for one in fleet.failed) else 1)
+
+
+@app.command()
+def apply(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a diagnosis.")],
+    model: Annotated[Path, typer.Argument(help="Another MJCF file of the same robot.")],
+    out: Annotated[Path, typer.Option(help="The MJCF file to write.")],
+    effect: Annotated[
+        list[str] | None, typer.Option(help="Apply only this effect. May be repeated.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace files that are there.")
+    ] = False,
+    allow_outside: AllowOutside = False,
+) -> None:
+    """Write what a diagnosis has found into another model of the robot.
+
+    Only the attributes that it names change; every other byte of the file stays.
+    What MJCF cannot say goes to actuators.json beside it.
+    """
+    from walkerkit.gap.deliver import apply as apply_to
+
+    done = apply_to(
+        folder,
+        model,
+        out=out,
+        effects=effect or (),
+        overwrite=overwrite,
+        allow_outside=allow_outside,
+    )
+    console = _console()
+
+    def say(line: str) -> None:
+        console.print(line, markup=False, soft_wrap=True, highlight=False)
+
+    for line in done.changes or ("No attribute changes.",):
+        say(line)
+    if done.beside:
+        say("MJCF cannot say the following, which is in actuators.json beside it:")
+    for line in done.beside:
+        say(f"  {line}")
+    for note in done.notes:
+        say(f"Note: {note}")
+    for name, version in done.needs.items():
+        say(f"Note: {name} takes MuJoCo {version} or newer.")
+    for path in done.files:
+        say(f"Written: {path}")
+
+
+@app.command()
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a diagnosis.")],
+    to: Annotated[str, typer.Option(help="mjlab, isaaclab, mjx or warp.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder to write; by default DIR/ and the trainer's name.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace what is in the folder.")
+    ] = False,
+) -> None:
+    """Write a diagnosis in the words of a trainer: model, configs, laws, ranges."""
+    from walkerkit.gap.deliver import export as export_to
+
+    done = export_to(folder, to, out=out, overwrite=overwrite)
+    console = _console()
+    lines = [f"Written: {path}" for path in done.files]
+    lines += [f"Lost: {line}" for line in done.lost]
+    for line in [*lines, *(f"Note: {note}" for note in done.notes)]:
+        console.print(line, markup=False, soft_wrap=True, highlight=False)
 
 
 @app.command()

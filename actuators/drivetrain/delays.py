@@ -57,8 +57,7 @@ class CommandDelay(_Delay):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        targets = state["target"]
-        _remember(targets, step.target)
+        targets = state["target"] = _remembered(state["target"], step.target)
         whole, part = _age(p, step)
         newer, older = _then(targets, whole), _then(targets, whole + 1)
         step.target = newer + part * (older - newer)
@@ -82,9 +81,8 @@ class LoopDelay(_Delay):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        efforts, asked = state["effort"], state["asked"]
-        _remember(efforts, step.effort)
-        _remember(asked, step.stiffness * step.target)
+        efforts = state["effort"] = _remembered(state["effort"], step.effort)
+        asked = state["asked"] = _remembered(state["asked"], step.stiffness * step.target)
         whole, part = _age(p, step)
         newer, older = _then(efforts, whole), _then(efforts, whole + 1)
         step.effort = newer + part * (older - newer)
@@ -94,11 +92,11 @@ class LoopDelay(_Delay):
         step.effort_ahead = np.where(part > SOON, still, prompt)
 
 
-def _remember(history: FloatArray, latest: FloatArray) -> None:
-    history[..., 1:] = history[..., :-1]
-    history[..., 0] = latest
-    if np.isnan(history[..., -1]).any():
-        history[...] = np.where(np.isnan(history), latest[..., None], history)
+def _remembered(history: FloatArray, latest: FloatArray) -> FloatArray:
+    later = np.concatenate([latest[..., None], history[..., :-1]], axis=-1)
+    if np.isnan(later[..., -1]).any():
+        later = np.where(np.isnan(later), latest[..., None], later)
+    return later
 
 
 def _age(p: Parameters, step: Step) -> tuple[NDArray[np.intp], FloatArray]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import mujoco
 import numpy as np
 
 from walkerkit.actuators.drive import Drive
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
@@ -24,6 +27,35 @@ def _servo(robot: Robot, joint: str) -> Drive | None:
     return drive if drive is not None and drive.stiffness > 0 else None
 
 
+def _kp(robot: Robot, site: str, given: Robot) -> float | None:
+    drive = fields.drive_of(robot, site, "position")
+    return None if drive is None else drive.stiffness
+
+
+def _kd(robot: Robot, site: str, given: Robot) -> float | None:
+    drive = fields.drive_of(robot, site, "velocity", "position")
+    return None if drive is None else drive.damping
+
+
+def _strength(robot: Robot, site: str, given: Robot) -> float:
+    return 1 / robot.measured(site).effort_scale - 1
+
+
+def _bias(robot: Robot, site: str, given: Robot) -> float | None:
+    drive = fields.drive_of(robot, site)
+    if drive is None:
+        return None
+    return fields.gear(robot, drive) * float(robot.model.actuator_biasprm[drive.actuator, 0])
+
+
+def _limit(robot: Robot, site: str, given: Robot) -> float | None:
+    drive = fields.drive_of(robot, site)
+    if drive is None or not robot.model.actuator_forcelimited[drive.actuator]:
+        return None
+    largest = float(np.abs(robot.model.actuator_forcerange[drive.actuator]).max())
+    return abs(fields.gear(robot, drive)) * largest
+
+
 class PositionGain(JointEffect):
     """The drive's proportional gain is not the model's."""
 
@@ -34,6 +66,7 @@ class PositionGain(JointEffect):
     symptom = "proportional to position error"
     added_as = "actuator gainprm, biasprm"
     source = "MuJoCo XML reference, actuator/position/kp"
+    fields = MappingProxyType({"kp": fields.Field(path="actuator/kp", read=_kp)})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Joints with a position actuator."""
@@ -83,6 +116,7 @@ class VelocityGain(JointEffect):
     symptom = "proportional to speed"
     added_as = "actuator biasprm"
     source = "MuJoCo XML reference, actuator/position/kv"
+    fields = MappingProxyType({"kd": fields.Field(path="actuator/kv", read=_kd)})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Joints with a position or velocity actuator."""
@@ -142,6 +176,9 @@ class TorqueConstant(JointEffect):
     source = (
         "Kt of a permanent-magnet motor; effort as the drive reports it is current × nominal Kt"
     )
+    fields = MappingProxyType(
+        {"strength": fields.Field(path="actuator/gainprm × (1 + strength)", read=_strength)}
+    )
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Joints with an actuator."""
@@ -181,6 +218,7 @@ class TorqueBias(JointEffect):
     source = (
         "offset of a current sensor; also the constant term of Janot, Gautier, Brunot, EMPS, 2019"
     )
+    fields = MappingProxyType({"bias": fields.Field(path="actuator/biasprm", read=_bias)})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Joints with an actuator."""
@@ -218,6 +256,7 @@ class EffortLimit(JointEffect):
     symptom = "peaks only"
     added_as = "actuator forcerange"
     source = "MuJoCo XML reference, actuator/general/forcerange"
+    fields = MappingProxyType({"limit": fields.Field(path="actuator/forcerange", read=_limit)})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Joints with an actuator."""

@@ -7,6 +7,7 @@ registers it, wherever it is written:
         name = "viscous_friction"
         equation = "τ = −b q̇"
         ...
+        fields = {"damping": fields.joint("damping", "dof_damping")}
         def sites(self, robot): ...
         def parameters(self, robot, site): ...
         def apply(self, trials, site, values): ...
@@ -20,15 +21,17 @@ from __future__ import annotations
 import abc
 import inspect
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
+from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.effects.fields import Field
 from walkerkit.gap.errors import InputError, one_line
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
@@ -108,6 +111,7 @@ class Effect(abc.ABC):
             is worth a thought only where it explains more.
         usually: those of them that are its usual size, so that it stays a rival of theirs: a gear
             that gains as much when it is driven as it loses when it drives is both.
+        fields: parameter's name to the number of the robot's files that `apply` changes by it.
     """
 
     name: ClassVar[str]
@@ -123,6 +127,7 @@ class Effect(abc.ABC):
     ordinary: ClassVar[bool] = False
     extends: ClassVar[tuple[str, ...]] = ()
     usually: ClassVar[tuple[str, ...]] = ()
+    fields: ClassVar[Mapping[str, Field]] = MappingProxyType({})
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -3,14 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
 _MOST = 0.35  # rad; nobody overlooks twenty degrees
+
+
+def _tilt(which: int, robot: Robot, site: str, given: Robot) -> float:
+    """By how much gravity is rolled, then pitched, from that of the robot as it was given."""
+    x, y, z = (float(part) for part in given.model.opt.gravity)
+    new_x, new_y, new_z = (float(part) for part in robot.model.opt.gravity)
+    across, angle = np.hypot(y, z), np.arctan2(z, y)
+    turn = np.arccos(np.clip(new_y / across, -1.0, 1.0)) if across else angle
+    rolls = np.array([turn - angle, -turn - angle])
+    rolls = (rolls + np.pi) % (2 * np.pi) - np.pi
+    roll = float(rolls[np.argmin(np.abs(rolls))])
+    if which == 0:
+        return roll
+    z = float(np.sin(roll) * y + np.cos(roll) * z)
+    pitch = np.arctan2(z, x) - np.arctan2(new_z, new_x)
+    return float((pitch + np.pi) % (2 * np.pi) - np.pi)
 
 
 class BaseTilt(Effect):
@@ -22,6 +41,12 @@ class BaseTilt(Effect):
     symptom = "sin(q + δ), all joints"
     added_as = "option/gravity"
     source = "MuJoCo XML reference, option/gravity"
+    fields = MappingProxyType(
+        {
+            "roll": fields.Field(path="option/gravity", read=partial(_tilt, 0)),
+            "pitch": fields.Field(path="option/gravity", read=partial(_tilt, 1)),
+        }
+    )
     kind = "robot"
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
@@ -57,6 +82,24 @@ _IMPEDANCE = 0.01  # small, so that a stop gives way like a spring; this much li
 _DAMPING_RATIO = 0.3
 
 
+def _stop(side: int, robot: Robot, site: str, given: Robot) -> float | None:
+    joint = robot.joints[site].id
+    return float(robot.model.jnt_range[joint, side]) if robot.model.jnt_limited[joint] else None
+
+
+def _hardness(which: int, robot: Robot, site: str, given: Robot) -> float | None:
+    """Stiffness or damping ratio of a stop that is a spring; None of one that is none."""
+    joint, model = robot.joints[site].id, robot.model
+    stiffness, damping = (-float(number) for number in model.jnt_solref[joint])
+    if not model.jnt_limited[joint] or stiffness <= 0:
+        return None
+    given_way = 1 - float(model.jnt_solimp[joint, 0])
+    rate = np.sqrt(stiffness / given_way)
+    if which == 0:
+        return float(rate**2 * _inertia(given, site))
+    return float(damping / given_way / (2 * rate))
+
+
 class EndStop(JointEffect):
     """The joint runs into a stop where its model moves freely, or not yet.
 
@@ -73,6 +116,14 @@ class EndStop(JointEffect):
     symptom = "at the limits"
     added_as = "joint range, solreflimit and solimplimit"
     source = "MuJoCo documentation, Computation: Solver parameters; XML reference, joint/range"
+    fields = MappingProxyType(
+        {
+            "lower": fields.Field(path="joint/range", read=partial(_stop, 0)),
+            "upper": fields.Field(path="joint/range", read=partial(_stop, 1)),
+            "stiffness": fields.Field(path="joint/solreflimit", read=partial(_hardness, 0)),
+            "damping_ratio": fields.Field(path="joint/solreflimit", read=partial(_hardness, 1)),
+        }
+    )
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""

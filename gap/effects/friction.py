@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
 from walkerkit.gap.effects.dry_friction import stiffen_dry_friction
 from walkerkit.gap.simulation.robot import Robot
@@ -18,6 +21,7 @@ class ViscousFriction(JointEffect):
     symptom = "grows with speed"
     added_as = "joint damping"
     source = "MuJoCo XML reference, joint/damping"
+    fields = MappingProxyType({"damping": fields.joint("damping", "dof_damping")})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""
@@ -55,6 +59,7 @@ class CoulombFriction(JointEffect):
         "joint frictionloss, with solreffriction and solimpfriction stiff enough not to creep"
     )
     source = "MuJoCo XML reference, joint/frictionloss"
+    fields = MappingProxyType({"frictionloss": fields.joint("frictionloss", "dof_frictionloss")})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""
@@ -90,6 +95,7 @@ class QuadraticDrag(JointEffect):
     symptom = "high speed only"
     added_as = 'joint damping="b b₂ b₃"'
     source = "MuJoCo XML reference, joint/damping"
+    fields = MappingProxyType({"drag": fields.joint("damping", "dof_dampingpoly", column=0)})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
 
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
 from walkerkit.gap.simulation.ground import Ground
 from walkerkit.gap.simulation.robot import Robot
@@ -41,6 +43,21 @@ class GroundEffect(Effect):
         """What the model has of it, (n_contacts,); empty where it cannot act."""
 
 
+def _friction(robot: Robot, site: str, given: Robot) -> float:
+    """The least sliding coefficient that any contact with the ground has."""
+    return float(GroundFriction._sizes(robot.model).min())
+
+
+def _slowness(robot: Robot, site: str, given: Robot) -> float:
+    """The least time constant of the geoms that touch the ground."""
+    return float(GroundCompliance._sizes(robot.model).min())
+
+
+def _softness(robot: Robot, site: str, given: Robot) -> float:
+    """The least impedance of the geoms that touch the ground."""
+    return float(_impedance(robot.model).min())
+
+
 class GroundFriction(GroundEffect):
     """Feet slip sooner or later than the model says."""
 
@@ -50,6 +67,7 @@ class GroundFriction(GroundEffect):
     symptom = "slip while in contact"
     added_as = "geom friction, of robot and ground"
     source = "MuJoCo XML reference, geom/friction; computation chapter, contact"
+    fields = MappingProxyType({"friction": fields.Field(path="geom/friction", read=_friction)})
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """The coefficient of sliding friction to add."""
@@ -107,6 +125,12 @@ class GroundCompliance(GroundEffect):
     symptom = "at touch-down, and as loads shift between feet"
     added_as = "geom solref and solimp, of robot and ground"
     source = "MuJoCo XML reference, geom/solref; computation chapter, solver parameters"
+    fields = MappingProxyType(
+        {
+            "timeconst": fields.Field(path="geom/solref", read=_slowness),
+            "impedance": fields.Field(path="geom/solimp", read=_softness),
+        }
+    )
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """The time constant and the impedance to add."""

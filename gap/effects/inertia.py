@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
 
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import Effect, FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
 _SMALLEST = 1e-3  # m
 _ALONG = 1e-4  # sine of the angle below which two axes are one
+
+
+def _mass(robot: Robot, site: str, given: Robot) -> float:
+    return float(robot.model.body(site).mass[0])
+
+
+def _centre(axis: int, robot: Robot, site: str, given: Robot) -> float:
+    return float(robot.model.body(site).ipos[axis])
 
 
 class Armature(JointEffect):
@@ -25,6 +36,7 @@ class Armature(JointEffect):
     symptom = "proportional to acceleration"
     added_as = "joint armature"
     source = "MuJoCo XML reference, joint/armature"
+    fields = MappingProxyType({"armature": fields.joint("armature", "dof_armature")})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""
@@ -78,6 +90,7 @@ class Payload(Effect):
     symptom = "pose and acceleration"
     added_as = "body mass"
     source = "MuJoCo XML reference, body/inertial"
+    fields = MappingProxyType({"mass": fields.Field(path="inertial/mass", read=_mass)})
     kind = "body"
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
@@ -117,6 +130,13 @@ class ComOffset(Effect):
     symptom = "sin/cos of pose"
     added_as = "inertial pos"
     source = "MuJoCo XML reference, body/inertial/pos"
+    fields = MappingProxyType(
+        {
+            "x": fields.Field(path="inertial/pos", read=partial(_centre, 0)),
+            "y": fields.Field(path="inertial/pos", read=partial(_centre, 1)),
+            "z": fields.Field(path="inertial/pos", read=partial(_centre, 2)),
+        }
+    )
     kind = "body"
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:

@@ -15,9 +15,11 @@ One more parameter, `frictionloss`, is dry friction to add to the model's.
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import ClassVar
 
 from walkerkit.actuators.drivetrain import DrivetrainLaw
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import FloatArray, JointEffect
 from walkerkit.gap.effects.dry_friction import stiffen_dry_friction
 from walkerkit.gap.simulation.robot import Robot
@@ -38,6 +40,13 @@ class LawEffect(JointEffect):
     driven: ClassVar[bool] = False
     dry: ClassVar[bool] = False
     added_as = "drivetrain law in actuators.json"
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "law" in vars(cls):
+            own = {name: fields.law(cls.law, name) for name in cls.law.parameter_names()}
+            own["frictionloss"] = fields.joint("frictionloss", "dof_frictionloss")
+            cls.fields = MappingProxyType(own)
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Joints with the position servo, the drive or nothing that a law of its stage changes."""

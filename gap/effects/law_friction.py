@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+from types import MappingProxyType
+
 import numpy as np
 
 from walkerkit.actuators import drivetrain
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
 from walkerkit.gap.effects.dry_friction import stiffen_dry_friction
 from walkerkit.gap.effects.law import LawEffect
@@ -75,6 +79,16 @@ class DirectionalEfficiency(LawEffect):
         )
 
 
+def _one_way(name: str) -> str:
+    return f"joint/frictionloss + {fields.law(drivetrain.AsymmetricFriction, name).path}"
+
+
+def _dry(way: str, robot: Robot, site: str, given: Robot) -> float:
+    """All dry friction of one direction."""
+    own = float(robot.model.dof_frictionloss[robot.joints[site].dof])
+    return own + robot.laws.get(site, {}).get(drivetrain.AsymmetricFriction.name, {}).get(way, 0.0)
+
+
 class AsymmetricFriction(JointEffect):
     """Dry friction that is stronger one way: a preloaded gear, a brush, a seal."""
 
@@ -86,6 +100,12 @@ class AsymmetricFriction(JointEffect):
         "joint frictionloss, and a drivetrain law in actuators.json for what one way has more"
     )
     source = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
+    fields = MappingProxyType(
+        {
+            "forward": fields.Field(path=_one_way("forward"), read=partial(_dry, "forward")),
+            "backward": fields.Field(path=_one_way("backward"), read=partial(_dry, "backward")),
+        }
+    )
     extends = ("coulomb_friction",)
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
@@ -177,6 +197,14 @@ class StribeckFriction(LawEffect):
         )
 
 
+def _bend(robot: Robot, site: str, given: Robot) -> float | None:
+    """How far the bristles of all dry friction bend; None where it has none."""
+    law = robot.laws.get(site, {}).get(drivetrain.PreslidingFriction.name)
+    if law is None:
+        return None
+    return float(robot.model.dof_frictionloss[robot.joints[site].dof]) / law["bristle_stiffness"]
+
+
 class PreslidingFriction(JointEffect):
     """Bristles, seals or grease that bend before the joint slides; all its dry friction does.
 
@@ -193,6 +221,16 @@ class PreslidingFriction(JointEffect):
     symptom = "hysteresis below breakaway"
     added_as = "joint frictionloss, and a drivetrain law in actuators.json"
     source = "Canudas de Wit, Olsson, Åström, Lischinsky (LuGre), IEEE TAC 40, 1995"
+    fields = MappingProxyType(
+        {
+            "frictionloss": fields.joint("frictionloss", "dof_frictionloss"),
+            "bend": fields.Field(
+                path="joint/frictionloss ÷ "
+                + fields.law(drivetrain.PreslidingFriction, "bristle_stiffness").path,
+                read=_bend,
+            ),
+        }
+    )
     extends = ("coulomb_friction",)
 
     def acts_on(self, robot: Robot, joint: str) -> bool:

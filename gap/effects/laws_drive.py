@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from walkerkit.actuators import drivetrain as laws
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
 from walkerkit.gap.effects.law import LawEffect
 from walkerkit.gap.simulation.robot import Robot
@@ -209,6 +211,7 @@ class SupplySag(Effect):
     symptom = "many joints loaded at once"
     added_as = "drivetrain law in actuators.json"
     source = "internal resistance of a battery; τ and q̇ of all joints as their drives ask for them"
+    fields = MappingProxyType({"sag": fields.law(laws.SupplySag, "sag")})
     kind = "robot"
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import numpy as np
 
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, JointEffect, Parameter
 from walkerkit.gap.effects.timing import LONGEST_DELAY
 from walkerkit.gap.simulation.robot import Excursion, Robot
@@ -21,6 +23,7 @@ class EncoderOffset(JointEffect):
     symptom = "constant; gravity mismatch"
     added_as = "joint ref"
     source = "MuJoCo XML reference, joint/ref"
+    fields = MappingProxyType({"ref": fields.joint("ref", "qpos0", "qpos")})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""
@@ -63,6 +66,7 @@ class EncoderGain(JointEffect):
     symptom = "proportional to q"
     added_as = "actuator biasprm; measurement in actuators.json"
     source = "gear ratio or counts per turn of an incremental encoder, misread"
+    fields = MappingProxyType({"excess": fields.measurement("encoder_gain", of_a_factor=True)})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""
@@ -106,6 +110,13 @@ class KinematicError(JointEffect):
     symptom = "periodic in q, no force"
     added_as = "measurement in actuators.json"
     source = "eccentric gears; Michalec, Precision Gearing: Theory and Practice, 1966"
+    fields = MappingProxyType(
+        {
+            "amplitude": fields.measurement("error_amplitude"),
+            "periods": fields.measurement("error_periods"),
+            "phase": fields.measurement("error_phase"),
+        }
+    )
     extends = ("encoder_offset", "encoder_gain")
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
@@ -172,6 +183,7 @@ class ClockSkew(Effect):
     symptom = "a lag that grows with time"
     added_as = "measurement in actuators.json"
     source = "clock of the drives against that of the computer; Mills et al., RFC 5905, 2010"
+    fields = MappingProxyType({"skew": fields.measurement("clock_skew")})
     kind = "robot"
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:

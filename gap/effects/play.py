@@ -11,12 +11,15 @@ tried, and what the log shows, and the drive is fed back, is then the motor or t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
 
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
-from walkerkit.gap.simulation.gear_play import stiffest
+from walkerkit.gap.simulation.gear_play import SUFFIX, made_play, stiffest
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
@@ -25,6 +28,16 @@ _BOTH_SIDES = 0.5  # of the play before the encoder; more is an encoder on the l
 _GAPS = (0.005, 0.015, 0.045)  # of how far the joint went
 _RESONANCES = (40.0, 16.0, 7.0)  # Hz; of the link on its spring, with the motor held
 _TYPICAL, _SOFTEST = 25.0, 2.0  # Hz
+
+
+def _made(name: str, robot: Robot, site: str, given: Robot) -> float | None:
+    return made_play(robot, site)[name]
+
+
+_BESIDE = {
+    "load_side": fields.measurement("load_side"),
+    "armature": fields.joint("armature", "dof_armature"),
+}
 
 
 class Backlash(JointEffect):
@@ -36,6 +49,14 @@ class Backlash(JointEffect):
     symptom = "flat, then an impact, at reversals"
     added_as = "two joints, the second with a range"
     source = "Nordin and Gutman, Automatica 38, 2002"
+    fields = MappingProxyType(
+        {
+            "width": fields.Field(
+                path=f"joint[<joint>{SUFFIX}]/range", read=partial(_made, "width")
+            ),
+            **_BESIDE,
+        }
+    )
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Driven joints that have no play yet."""
@@ -81,6 +102,17 @@ class SeriesElasticity(JointEffect):
     symptom = "resonance"
     added_as = "two joints, the second with stiffness and damping"
     source = "Spong, J. Dyn. Sys. Meas. Control 109, 1987"
+    fields = MappingProxyType(
+        {
+            "compliance": fields.Field(
+                path=f"joint[<joint>{SUFFIX}]/stiffness", read=partial(_made, "compliance")
+            ),
+            "damping_ratio": fields.Field(
+                path=f"joint[<joint>{SUFFIX}]/damping", read=partial(_made, "damping_ratio")
+            ),
+            **_BESIDE,
+        }
+    )
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Driven joints that have no play yet."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
 
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
@@ -14,6 +16,15 @@ from walkerkit.gap.simulation.trials import Trials
 _FINEST = 8  # steps in place of one
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
 _IMPLICIT = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+
+
+def _step(robot: Robot, site: str, given: Robot) -> float:
+    return float(robot.model.opt.timestep)
+
+
+def _exchanged(robot: Robot, site: str, given: Robot) -> float:
+    """1 where the integrator is another than that of the robot as it was given."""
+    return float(robot.model.opt.integrator != given.model.opt.integrator)
 
 
 class Timestep(Effect):
@@ -33,6 +44,12 @@ class Timestep(Effect):
     symptom = "shrinks when replayed in shorter steps"
     added_as = "option timestep, integrator"
     source = "MuJoCo documentation, Computation: Numerical integration"
+    fields = MappingProxyType(
+        {
+            "timestep": fields.Field(path="option/timestep", read=_step),
+            "integrator": fields.Field(path="option/integrator", read=_exchanged),
+        }
+    )
     kind = "robot"
     fitted = False
 

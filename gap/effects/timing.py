@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
@@ -19,6 +22,9 @@ class CommandDelay(JointEffect):
     symptom = "phase grows with frequency"
     added_as = "actuator delay, nsample"
     source = "MuJoCo XML reference, actuator/general/delay"
+    fields = MappingProxyType(
+        {"delay": fields.Field(path="actuator/delay", read=fields.command_delay)}
+    )
     shared = True
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
@@ -57,6 +63,7 @@ class SensorDelay(JointEffect):
     symptom = "a pure time shift of position and velocity"
     added_as = "measurement in actuators.json, sensor delay"
     source = "MuJoCo XML reference, sensor/delay"
+    fields = MappingProxyType({"delay": fields.measurement("position_delay")})
     shared = True
 
     def acts_on(self, robot: Robot, joint: str) -> bool:

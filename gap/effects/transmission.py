@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
+
+
+def _rest(robot: Robot, site: str, given: Robot) -> float | None:
+    """Where the springs of a joint rest; None where it has none."""
+    joint = robot.joints[site]
+    stiff = robot.model.jnt_stiffness[joint.id] > 0
+    return float(robot.model.qpos_spring[joint.qpos]) if stiff else None
 
 
 class ParallelSpring(JointEffect):
@@ -16,6 +26,12 @@ class ParallelSpring(JointEffect):
     symptom = "pose, independent of speed"
     added_as = "joint stiffness, springref"
     source = "MuJoCo XML reference, joint/stiffness"
+    fields = MappingProxyType(
+        {
+            "stiffness": fields.joint("stiffness", "jnt_stiffness", "id"),
+            "springref": fields.Field(path="joint/springref", read=_rest),
+        }
+    )
 
     def acts_on(self, robot: Robot, joint: str) -> bool:
         """Any joint."""

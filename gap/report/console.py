@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from walkerkit.gap.report import wording
+from walkerkit.gap.report.changes import changes
 from walkerkit.gap.report.diagnosis import Diagnosis, Hint, NamedEffect
 from walkerkit.gap.report.quantity import percent, quantity
 
@@ -44,6 +45,9 @@ def render(diagnosis: Diagnosis) -> RenderableType:
     if diagnosis.effects:
         parts += [heading("Effects, in the order in which they were added"), _effects(diagnosis)]
         parts += [Text(warning) for warning in wording.warnings(diagnosis)]
+    written = _changes(diagnosis)
+    if written.row_count:
+        parts += [heading("What changes in the model"), written]
     doubts = [*wording.doubts(diagnosis), wording.advice(diagnosis)]
     if doubts[0]:
         parts.append(heading("What cannot be told apart, and what would tell"))
@@ -136,6 +140,14 @@ def _parameters(named: NamedEffect) -> list[tuple[str, str, str, str]]:
         rows.append((wording.site(place), wording.label(of.name), text, unit))
     sites = wording.listed([wording.site(name) for name in named.joints or named.bodies])
     return rows or [(sites, "", "", "")]
+
+
+def _changes(diagnosis: Diagnosis) -> Table:
+    numbers = ("was", "is", "change")
+    table = table_of("joint", "field", *numbers, "unit", right=numbers)
+    for row in changes(diagnosis):
+        add_row(table, row.place, row.field, row.was, row.now, row.change, row.unit)
+    return table
 
 
 def _hint(hint: Hint) -> Text:

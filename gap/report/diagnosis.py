@@ -27,6 +27,23 @@ SCHEMA = 2
 
 
 @dataclass(frozen=True, kw_only=True)
+class Change:
+    """A number of a robot's files, before and after.
+
+    Attributes:
+        model: short name of the robot's model.
+        place: the joint or body, `*` for the whole robot.
+        was: the number in the model as it was given, or None where it has no such number.
+        now: the number in the mended model, or None where it has none.
+    """
+
+    model: str
+    place: str
+    was: float | None
+    now: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Estimate:
     """One fitted number.
 
@@ -37,7 +54,10 @@ class Estimate:
         std: its standard error; None at a bound, and where the recordings say nothing of it.
         unit: its unit.
         at_bound: it ran into the bound of its range, so that it is no estimate.
-        lower, upper: the bounds of its range; not in the JSON.
+        lower, upper: the bounds of its range.
+        field: where it is in the robot's files, element and attribute, e.g. `joint/frictionloss`.
+        changes: what each robot had there and has now, with all effects that change it.
+        correlation: with each number of all effects, in their order.
     """
 
     name: str
@@ -48,6 +68,24 @@ class Estimate:
     at_bound: bool
     lower: float = -math.inf
     upper: float = math.inf
+    field: str = ""
+    changes: tuple[Change, ...] = ()
+    correlation: tuple[float, ...] = ()
+
+    @property
+    def was(self) -> float | None:
+        """The number that all robots had everywhere; None where they differ, or had none."""
+        return _same([change.was for change in self.changes])
+
+    @property
+    def now(self) -> float | None:
+        """The same of the mended robots."""
+        return _same([change.now for change in self.changes])
+
+    @property
+    def differs(self) -> bool:
+        """Whether the robots, or the places that share it, differ in what they had or have."""
+        return len({(change.was, change.now) for change in self.changes}) > 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,6 +305,7 @@ class Diagnosis:
                 for at in self.locations
             ],
             "effects": [_effect(named) for named in self.effects],
+            **self._correlation(),
             "next_experiment": _next_experiment(self.next_experiment),
             **({"hints": [_hint(hint) for hint in self.hints]} if self.hints else {}),
             "recordings": list(self.recordings),
@@ -276,6 +315,12 @@ class Diagnosis:
             "notes": list(self.notes),
             "seconds": self.seconds,
         }
+
+    def _correlation(self) -> dict[str, Any]:
+        numbers = [of for named in self.effects for of in named.parameters]
+        if not numbers or any(len(of.correlation) != len(numbers) for of in numbers):
+            return {}
+        return {"correlation": [list(of.correlation) for of in numbers]}
 
     def to_json(self) -> str:
         """diagnosis.json; numbers carry six significant digits."""
@@ -327,6 +372,12 @@ def _effect(named: NamedEffect) -> dict[str, Any]:
                 "value": estimate.value,
                 "std": estimate.std,
                 "unit": estimate.unit,
+                "was": estimate.was,
+                "is": estimate.now,
+                "field": estimate.field,
+                **({"each": [_change(c) for c in estimate.changes]} if estimate.differs else {}),
+                "lower": estimate.lower,
+                "upper": estimate.upper,
                 "at_bound": estimate.at_bound,
             }
             for estimate in named.parameters
@@ -334,6 +385,19 @@ def _effect(named: NamedEffect) -> dict[str, Any]:
         "gap_after": named.gap_after,
         "indistinguishable_from": list(named.indistinguishable_from),
         **({"reasons": dict(named.equivalent)} if named.equivalent else {}),
+    }
+
+
+def _same(numbers: list[float | None]) -> float | None:
+    return numbers[0] if numbers and all(one == numbers[0] for one in numbers) else None
+
+
+def _change(change: Change) -> dict[str, Any]:
+    return {
+        "model": change.model,
+        "place": change.place,
+        "was": change.was,
+        "is": change.now,
     }
 
 

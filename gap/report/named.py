@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -14,10 +14,11 @@ from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.naming import Explanation, only_needed
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
+from walkerkit.gap.simulation.robot import Robot
 
 
 def named_effects(
-    problem: Problem, explanation: Explanation, after: Replayed
+    problem: Problem, explanation: Explanation, after: Replayed, mended: Sequence[Robot]
 ) -> tuple[NamedEffect, ...]:
     """The effects of an explanation, the surest first.
 
@@ -25,6 +26,7 @@ def named_effects(
         problem: what was explained.
         explanation: of it.
         after: the held-out recordings, replayed by the mended robots.
+        mended: these robots.
     """
     final = explanation.fit
     if not final.structure.terms:
@@ -47,7 +49,7 @@ def named_effects(
                 joints=() if one.term.effect.kind == "body" else _shown_joints(one.term),
                 bodies=one.term.sites if one.term.effect.kind == "body" else (),
                 confidence=one.confidence,
-                parameters=estimates(final, one.term, variance, sensitivity),
+                parameters=estimates(final, one.term, variance, sensitivity, mended),
                 gap_after=gaps["position"],
                 gaps_after=gaps,
                 indistinguishable_from=tuple(dict.fromkeys([*one.exchanges, *one.equivalent])),

@@ -13,6 +13,7 @@ from errno import EISDIR
 from pathlib import Path
 from typing import Any
 
+from walkerkit.gap.deliver.written import write_mended
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.report.experiments import mended_experiments
@@ -190,12 +191,16 @@ def unwritable(folder: Path, reason: str | None) -> InputError:
 def _write(result: Result, folder: Path) -> None:
     names = model_names(result.robots)
     taken: dict[str, Path | str] = {}
-    for name, robot in zip(names, result.robots, strict=True):
-        write_model(robot, folder / name, taken)
+    written = {
+        name: write_mended(given, robot, folder / name, taken)
+        for name, given, robot in zip(names, result.problem.robots, result.robots, strict=True)
+    }
     robots = dict(zip(names, result.robots, strict=True))
     robots |= _next_experiment(result, folder, taken)
     named = result.diagnosis.to_dict()["effects"]
     content = sidecar(robots, named)
+    for name, how in written.items():
+        content["models"][name]["file"] = how.to_dict()
     if result.stopgaps:
         content["models"][names[0]]["stopgap"] = {
             drive.joint: _saved(drive, folder) for drive in result.stopgaps

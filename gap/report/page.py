@@ -15,6 +15,7 @@ from typing import Any
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.report import figures, wording
+from walkerkit.gap.report.changes import changes
 from walkerkit.gap.report.diagnosis import Considered, Diagnosis, Hint, NamedEffect, Trace
 from walkerkit.gap.report.gaps import GapSize, Location
 from walkerkit.gap.report.heat import HeatMap, heat_map
@@ -73,6 +74,7 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
         "places_of": wording.words(next((at.signal for at in diagnosis.locations), "position")),
         "sizes": _sizes(diagnosis),
         "estimates": [_estimates(named) for named in diagnosis.effects],
+        "changes": changes(diagnosis),
         "explanations": [
             _explanation(catalogue[name])
             for name in dict.fromkeys(named.effect for named in diagnosis.effects)

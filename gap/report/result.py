@@ -231,7 +231,7 @@ def summarise(
     if final.structure.terms:
         after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
     told, gap = "held", gap_of(problem, before["held"], after["held"])
-    effects = named_effects(problem, explanation, after["held"])
+    effects = named_effects(problem, explanation, after["held"], mended)
     verdict = _verdict(gap, bool(effects))
     if verdict == "no_gap" and not held_out_only:
         other = gap_of(problem, before["fit"], before["fit"])

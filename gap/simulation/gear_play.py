@@ -207,6 +207,36 @@ def set_play(
         trials.field("jnt_solimp")[both, play.id, :2] = _SOFT
 
 
+def made_play(robot: Robot, joint: str) -> dict[str, float | None]:
+    """What a robot's model says of the play at a joint, as `set_play` has written it.
+
+    Args:
+        robot: the robot.
+        joint: name of the motor's joint.
+
+    Returns:
+        `width` [rad; m] and `compliance` [rad/(N·m); m/N], 0 where there is none, and the spring's
+        `damping_ratio` [1], None without a spring.
+    """
+    motor, model = robot.joints[joint], robot.model
+    play = motor.play
+    found: dict[str, float | None] = {"width": 0.0, "compliance": 0.0, "damping_ratio": None}
+    if play is None:
+        return found
+    stiffness, damping = float(model.jnt_stiffness[play.id]), float(model.dof_damping[play.dof])
+    rotor = max(float(model.dof_armature[motor.dof]), _SMALLEST)
+    inertia = 1 / (1 / rotor + _link_mobility(model, motor, play))
+    if model.jnt_limited[play.id]:
+        found["width"] = float(np.ptp(model.jnt_range[play.id]))
+        if model.jnt_solref[play.id, 0] < 0:
+            pushes = -model.jnt_solref[play.id] * inertia / (1 - model.jnt_solimp[play.id, 0])
+            stiffness, damping = (float(number) for number in pushes)
+    if stiffness > 0:
+        found["compliance"] = 1 / stiffness
+        found["damping_ratio"] = damping / (2 * np.sqrt(stiffness * inertia))
+    return found
+
+
 Number = TypeVar("Number", float, FloatArray)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.report.diagnosis import (
+    Change,
     Considered,
     Diagnosis,
     Estimate,
@@ -93,6 +94,8 @@ def leg_diagnosis(
                         at_bound=False,
                         lower=0.0,
                         upper=3.2,
+                        field="joint/frictionloss",
+                        changes=(Change(model="leg", place=calf, was=0.05, now=0.2023),),
                     ),
                 ),
                 gap_after=0.0011,

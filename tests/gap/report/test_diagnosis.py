@@ -14,7 +14,7 @@ import pytest
 
 from walkerkit.gap.recordings.wiring import WiringError
 from walkerkit.gap.report import diagnosis as module
-from walkerkit.gap.report.diagnosis import Diagnosis, Hint
+from walkerkit.gap.report.diagnosis import Change, Diagnosis, Hint
 from walkerkit.gap.report.gaps import GapSize
 from walkerkit.gap.report.regimes import EVERYWHERE, REGIMES
 
@@ -38,6 +38,20 @@ def everything(confused: Diagnosis) -> Diagnosis:
     """A diagnosis that has all that one can have."""
     assert confused.next_experiment is not None
     friction, delay, payload = confused.effects
+    of_models = tuple(
+        Change(model=model, place="calf", was=was, now=was + 0.01)
+        for model, was in (("kp100", 0.0), ("kp200", 0.004))
+    )
+    first = replace(delay.parameters[0], field="actuator/delay", changes=of_models)
+    delay = replace(delay, parameters=(first, *delay.parameters[1:]))
+    n = len(friction.parameters) + len(delay.parameters) + len(payload.parameters)
+    friction, delay, payload = (
+        replace(
+            one,
+            parameters=tuple(replace(of, correlation=(0.5,) * n) for of in one.parameters),
+        )
+        for one in (friction, delay, payload)
+    )
     known = replace(delay, equivalent=(("sensor_delay", "They shift the same curves."),))
     swapped = WiringError(
         kind="joint_swap",

@@ -112,6 +112,11 @@ EFFECT = {
             "value": NUMBER,
             "std": (NUMBER, None),
             "unit": str,
+            "was": (NUMBER, None),
+            "is": (NUMBER, None),
+            "field": str,
+            "lower": (NUMBER, None),
+            "upper": (NUMBER, None),
             "at_bound": bool,
         }
     ],
@@ -176,7 +181,7 @@ def fits(value: Any, form: Any) -> bool:
 def check_diagnosis(content: dict[str, Any]) -> None:
     for key, form in DIAGNOSIS.items():
         assert fits(content[key], form), (key, content[key])
-    assert set(content) - {"only", "hints"} == set(DIAGNOSIS)
+    assert set(content) - {"only", "hints", "correlation"} == set(DIAGNOSIS)
     assert fits(content.get("only", []), [str])
     assert content["schema"] == 2
     assert content["verdict"] in ("explained", "partly_explained", "no_gap", "unexplained")

@@ -1,0 +1,1 @@
+"""What runs in environments of other trainers, each a script with no import of this project."""

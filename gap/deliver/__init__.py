@@ -1,0 +1,7 @@
+"""What a user takes away: the findings in any other model of the robot, and in other trainers."""
+
+from walkerkit.gap.deliver.apply import Applied, apply
+from walkerkit.gap.deliver.export import Exported, export
+from walkerkit.gap.deliver.traces import write_traces
+
+__all__ = ["Applied", "Exported", "apply", "export", "write_traces"]

@@ -1,0 +1,212 @@
+"""A diagnosis for a trainer: a model that it runs, its configs, laws as functions, ranges.
+
+exported = export("result", "mjlab")       # result/mjlab/robot.py, model.xml, randomization.py
+exported.lost                              # what the trainer cannot simulate, a line each
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from walkerkit.actuators.drivetrain import LAWS
+from walkerkit.gap.deliver import isaaclab, mjlab
+from walkerkit.gap.deliver.findings import Findings, read_findings
+from walkerkit.gap.deliver.law_code import all_laws, law_code
+from walkerkit.gap.deliver.randomization import posterior, randomization_code
+from walkerkit.gap.deliver.trainers import MADE, TRAINERS, Trainer, way
+from walkerkit.gap.deliver.written import write_mended
+from walkerkit.gap.errors import InputError, closest
+from walkerkit.gap.simulation.robot import Robot
+
+Laws = Mapping[str, Mapping[str, Mapping[str, float]]]
+_SOLVED = 1e-9  # dry friction that makes MJX and Warp solve for more of it
+_USES = {
+    "mjx": """Around every mjx.step, with JOINTS' columns in qpos and degrees of freedom:
+
+    state, ctrl, applied, dry = before_step(state, target, data.qpos[QPOS], data.qvel[DOFS],
+                                            data.qfrc_constraint[DOFS])
+    data = data.replace(ctrl=data.ctrl.at[ACTUATORS].set(ctrl),
+                        qfrc_applied=data.qfrc_applied.at[DOFS].set(applied))
+    model = model.replace(dof_frictionloss=model.dof_frictionloss.at[DOFS].set(dry))""",
+    "torch": """Before every physics step, with (n_envs, n_joints) tensors in the order of JOINTS:
+
+    state, ctrl, applied, dry = before_step(state, target, q, qd)
+
+ctrl goes to the actuators, applied to qfrc_applied, and dry to dof_frictionloss.""",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exported:
+    """What `export` has written.
+
+    Attributes:
+        folder: where.
+        files: the files.
+        lost: what the trainer cannot simulate, a line each.
+        notes: what a user should know, a sentence each.
+    """
+
+    folder: Path
+    files: tuple[Path, ...]
+    lost: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=())
+
+
+def export(
+    folder: str | Path,
+    to: str,
+    *,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+) -> Exported:
+    """Writes a diagnosis in the words of a trainer.
+
+    Args:
+        folder: what `diagnose` has saved.
+        to: `mjlab`, `isaaclab`, `mjx` or `warp`.
+        out: the folder to write; by default one of the trainer's name in that of the diagnosis.
+        overwrite: whether files that are there may be replaced.
+
+    Returns:
+        What was written, and what is lost.
+
+    Raises:
+        InputError: the folder is none of ours, the trainer is unknown, or it cannot simulate the
+            model and would not say so.
+    """
+    if to not in TRAINERS:
+        raise InputError(
+            f"--to {to}: is no trainer that is known{closest(to, TRAINERS)}; there are "
+            f"{', '.join(TRAINERS)}. Name one of them."
+        )
+    trainer: Trainer = to
+    found = read_findings(Path(folder))
+    target = Path(folder) / to if out is None else Path(out)
+    if target.exists() and any(target.iterdir()) and not overwrite:
+        raise InputError(
+            f"{target}: is not empty. Give another folder with --out, or replace its files with "
+            "--overwrite."
+        )
+    check(found.robot, trainer, found.folder)
+    target.mkdir(parents=True, exist_ok=True)
+    robot, laws = suited(found.robot, trainer)
+    for path in target.glob("*"):
+        if path.is_file():
+            path.unlink()
+    write_mended(found.robot, robot, target / "model.xml")
+    notes = _write_code(found, robot, laws, trainer, target)
+    lost = tuple(
+        f"{effect['effect']}: {found_way.says}"
+        for effect in found.effects
+        if (found_way := way(effect["effect"], trainer)).kind == "cannot"
+    )
+    _write(target / "export.json", json.dumps(_content(found, trainer, lost, notes), indent=2))
+    files = tuple(path for path in sorted(target.rglob("*")) if path.is_file())
+    return Exported(folder=target, files=files, lost=lost, notes=notes)
+
+
+def _write_code(
+    found: Findings, robot: Robot, laws: Laws, trainer: Trainer, target: Path
+) -> tuple[str, ...]:
+    notes: tuple[str, ...] = ()
+    left = laws
+    if trainer in ("mjlab", "isaaclab"):
+        write: Callable[[Robot, Laws], tuple[str, Laws, tuple[str, ...]]]
+        name, write = {
+            "mjlab": ("robot.py", mjlab.config),
+            "isaaclab": ("actuators.py", isaaclab.config),
+        }[trainer]
+        text, left, notes = write(robot, laws)
+        _write(target / name, text)
+    if left:
+        arrays = "jax" if trainer == "mjx" else "torch"
+        code = law_code(robot, left, arrays, use=_USES.get(trainer, _USES["torch"]))  # type: ignore[arg-type]
+        _write(target / MADE, code)
+    _write(target / "randomization.py", randomization_code(posterior(found)))
+    return notes
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _content(
+    found: Findings, trainer: Trainer, lost: tuple[str, ...], notes: tuple[str, ...]
+) -> dict[str, Any]:
+    return {
+        "to": trainer,
+        "effects": {one["effect"]: vars(way(one["effect"], trainer)) for one in found.effects},
+        "lost": list(lost),
+        "notes": list(notes),
+    }
+
+
+def suited(robot: Robot, trainer: Trainer) -> tuple[Robot, Laws]:
+    """A robot whose model has nothing that a trainer ignores, and its laws with what was taken.
+
+    Args:
+        robot: the mended robot.
+        trainer: for whom.
+
+    Returns:
+        The robot, and joint to law to its parameters.
+    """
+    ignores_drag = trainer in ("mjx", "isaaclab")
+    # A law of the drive sees the effort of targets that have arrived.
+    ignores_delay = trainer != "warp" or bool(robot.laws)
+    laws = all_laws(robot, delays=ignores_delay, drag=ignores_drag)
+    spec = robot.spec.copy()
+    spec.compile()
+    for actuator in spec.actuators:
+        if ignores_delay and actuator.delay:
+            actuator.delay, actuator.nsample = 0.0, 0
+    for joint in spec.joints:
+        if ignores_drag:
+            joint.damping[1:] = 0.0
+        of_joint = any(LAWS[law].stage == "joint" for law in laws.get(joint.name, {}))
+        if of_joint and joint.frictionloss == 0:
+            joint.frictionloss = _SOLVED
+    return replace(robot, spec=spec, model=spec.compile()), laws
+
+
+def check(robot: Robot, trainer: Trainer, folder: Path) -> None:
+    """Refuses what a trainer would ignore without a word.
+
+    Raises:
+        InputError: it would, with what to do.
+    """
+    model = robot.model
+    ignored = []
+    if trainer == "mjx":
+        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICIT:
+            ignored.append("integrator `implicit`, which it does not have")
+        if np.any(model.jnt_stiffnesspoly):
+            ignored.append("springs of joints that are not linear")
+        if np.any(model.tendon_dampingpoly) or np.any(model.tendon_stiffnesspoly):
+            ignored.append("springs and dampers of tendons that are not linear")
+        if np.any(model.sensor_history[:, 0] > 0):
+            ignored.append("delays of sensors")
+        passive = [
+            name
+            for name, joint in robot.joints.items()
+            if model.dof_dampingpoly[joint.dof].any()
+            and (not joint.drives or model.dof_dampingpoly[joint.dof, 1])
+        ]
+        if passive:
+            ignored.append(f"damping that is not linear, of {', '.join(passive)}")
+        of_others = {d.actuator for joint in robot.joints.values() for d in joint.drives[:1]}
+        if any(model.actuator_delay[a] > 0 for a in {*range(model.nactuator)} - of_others):
+            ignored.append("delays of actuators that are not a joint's own")
+    if ignored:
+        raise InputError(
+            f"{folder}: {trainer} would not simulate {'; '.join(ignored)}, and would not say so. "
+            "Take them out of the model, or export to warp."
+        )

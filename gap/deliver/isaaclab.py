@@ -1,0 +1,81 @@
+"""`actuators.py` for Isaac Lab: actuator configs of the mended robot.
+
+Names of the configs and of their fields are those of Isaac Lab 2.3 (`isaaclab.actuators`), in which
+friction is an effort [N·m; N]. The robot's USD is made of the model.xml beside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from walkerkit.actuators.drivetrain import CommandDelay, TorqueSpeedLimit
+from walkerkit.gap.deliver.law_code import driven
+from walkerkit.gap.deliver.mjlab import at, steps
+from walkerkit.gap.simulation.robot import Robot
+
+Laws = Mapping[str, Mapping[str, Mapping[str, float]]]
+_HEAD = '''"""Actuators of the diagnosed robot for Isaac Lab 2.3, made by walkerkit.
+
+    from actuators import ACTUATORS      # of an isaaclab.assets.ArticulationCfg
+
+Delays are in physics steps of {dt:g} s: simulate with SimulationCfg(dt={dt:g}, gravity={gravity}).
+"""
+
+from isaaclab.actuators import DCMotorCfg, DelayedPDActuatorCfg, IdealPDActuatorCfg
+
+ACTUATORS = {{
+{actuators}
+}}
+'''
+
+
+def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
+    """The file, the laws that it does not have, and what a user should know.
+
+    Args:
+        robot: the robot.
+        laws: joint to law to its parameters.
+    """
+    found, notes, model = driven(robot, laws), list[str](), robot.model
+    dt, numbers = float(model.opt.timestep), found.numbers
+    left: dict[str, Mapping[str, Mapping[str, float]]] = {}
+    lines = []
+    for number, joint in enumerate(found.joints):
+        own, dof = dict(laws.get(joint, {})), robot.joints[joint].dof
+        dry = float(model.dof_frictionloss[dof])
+        fields: dict[str, Any] = {
+            "joint_names_expr": [joint],
+            "stiffness": at(numbers["STIFFNESS"], number),
+            "damping": at(numbers["DAMPING"], number),
+            "effort_limit": at(numbers["LIMIT"], number),
+            "armature": float(model.dof_armature[dof]),
+            "friction": dry,
+            "dynamic_friction": dry,
+            "viscous_friction": float(model.dof_damping[dof]),
+        }
+        kind, rest = "IdealPDActuatorCfg", dict(own)
+        limit, delay = own.get(TorqueSpeedLimit.name), own.get(CommandDelay.name)
+        if limit is not None:
+            kind = "DCMotorCfg"
+            fields |= rest.pop(TorqueSpeedLimit.name)
+            if delay is not None:
+                notes.append(
+                    f"no config has both a torque–speed limit and a delay: that of {joint}, "
+                    f"{1e3 * delay['delay']:.3g} ms, is in drivetrain.py."
+                )
+        elif delay is not None:
+            kind = "DelayedPDActuatorCfg"
+            lag = steps(rest.pop(CommandDelay.name)["delay"], dt, joint, notes)
+            fields |= {"min_delay": lag, "max_delay": lag}
+        if rest:
+            left[joint] = rest
+        if fields["effort_limit"] == np.inf:
+            del fields["effort_limit"]
+        inside = "".join(f"\n        {name}={value!r}," for name, value in fields.items())
+        lines.append(f"    {joint!r}: {kind}({inside}\n    ),")
+    gravity = tuple(float(f"{g:.6g}") for g in model.opt.gravity)
+    text = _HEAD.format(dt=dt, gravity=gravity, actuators="\n".join(lines))
+    return text, left, tuple(notes)

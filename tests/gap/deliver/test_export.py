@@ -1,0 +1,132 @@
+"""Diagnoses in the words of trainers."""
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.trainers.legs import diagnosed, leg_at
+from tests.gap.deliver.robots import AWKWARD
+from walkerkit.gap.deliver import export
+from walkerkit.gap.deliver.findings import read_findings
+from walkerkit.gap.deliver.randomization import posterior, randomization_code
+from walkerkit.gap.deliver.trainers import TRAINERS, table, way
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.errors import InputError
+from walkerkit.gap.simulation.robot import load_robot
+
+
+@pytest.fixture
+def saved(tmp_path):
+    def make(name, sites=None):
+        robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+        mended = diagnosed(tmp_path / "result", robot, name, sites)
+        return tmp_path / "result", mended
+
+    return make
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_function_is_there_where_the_table_says_so(name, saved):
+    folder, _ = saved(name)
+    # One trainer each, in turn, and all that have it in a way of their own.
+    ways = {way(name, trainer).kind: trainer for trainer in TRAINERS}
+    for trainer in {TRAINERS[[*CATALOGUE].index(name) % 4], ways.get("config", "mjx")}:
+        done = export(folder, trainer)
+        names = {path.name for path in done.files}
+        assert {"model.xml", "randomization.py", "export.json"} <= names
+        own = way(name, trainer)
+        code = done.folder / "drivetrain.py"
+        if own.kind == "function":
+            assert f"def {name}(" in code.read_text()
+        elif own.kind == "config" and not code.exists():
+            assert "drivetrain" not in own.says
+        assert bool(done.lost) == (own.kind == "cannot")
+        for path in done.folder.glob("*.py"):
+            ast.parse(path.read_text())
+
+
+def test_mjx_gets_no_delay_that_it_would_ignore(saved):
+    folder, mended = saved("command_delay")
+    done = export(folder, "mjx")
+    model = load_robot(done.folder / "model.xml").model
+    assert not model.actuator_delay.any()
+    assert mended.model.actuator_delay.any()
+    assert "'delay': array([" in (done.folder / "drivetrain.py").read_text()
+    # Warp simulates it.
+    assert load_robot(export(folder, "warp").folder / "model.xml").model.actuator_delay.any()
+
+
+def test_mjlab_gets_lags_in_steps_and_is_told_what_rounding_loses(saved):
+    folder, mended = saved("command_delay")
+    done = export(folder, "mjlab")
+    text = (done.folder / "robot.py").read_text()
+    delay = mended.model.actuator_delay[0]
+    assert f"delay_min_lag={round(delay / 0.002)}" in text
+    assert "becomes" in done.notes[0]
+    assert not (done.folder / "drivetrain.py").exists()
+
+
+def test_a_torque_speed_line_is_a_config(saved):
+    folder, _ = saved("torque_speed_limit", ("knee",))
+    text = (export(folder, "mjlab").folder / "robot.py").read_text()
+    assert "DcMotorActuatorCfg" in text
+    assert "REPLACED = ('knee',)" in text
+    text = (export(folder, "isaaclab").folder / "actuators.py").read_text()
+    assert "'knee': DCMotorCfg(" in text
+    assert "'hip': IdealPDActuatorCfg(" in text
+
+
+def test_what_would_be_ignored_without_a_word_is_refused(tmp_path):
+    robot = leg_at(tmp_path / "own" / "leg.xml", SPRUNG)
+    diagnosed(tmp_path / "result", robot, "armature")
+    with pytest.raises(InputError, match="springs of joints that are not linear"):
+        export(tmp_path / "result", "mjx")
+    with pytest.raises(InputError, match=r"'mjxx'|mjxx: is no trainer"):
+        export(tmp_path / "result", "mjxx")
+    export(tmp_path / "result", "warp")
+    with pytest.raises(InputError, match="--overwrite"):
+        export(tmp_path / "result", "warp")
+
+
+SPRUNG = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" stiffness="1 2"/>
+<geom size="0.1" mass="1" pos="0.1 0 0"/></body></worldbody>
+<actuator><position joint="j" kp="9"/></actuator></mujoco>"""
+
+
+def test_draws_are_correlated_and_within_bounds(saved, tmp_path):
+    folder, _ = saved("viscous_friction")
+    content = json.loads((folder / "diagnosis.json").read_text())
+    content["correlation"] = [[1.0, -0.9], [-0.9, 1.0]]
+    first, second = content["effects"][0]["parameters"]
+    first |= {"std": 0.5, "lower": -1.0, "upper": 0.3}
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    known = posterior(read_findings(folder))
+    drawn = known.draw(np.random.default_rng(0), 4000)
+    moved = first["is"] - first["value"]
+    assert drawn[:, 0].max() <= 0.3 + moved
+    np.testing.assert_allclose(np.mean(drawn[:, 1]), second["is"], rtol=0.01)
+    assert np.corrcoef(drawn.T)[0, 1] < -0.6
+    made = {}
+    exec(randomization_code(known), made)
+    again = made["draw"](np.random.default_rng(0), 4000)
+    np.testing.assert_allclose(again["viscous_friction", "hip", "damping"], drawn[:, 0], rtol=1e-9)
+
+
+def test_what_is_no_estimate_is_not_drawn(saved):
+    folder, _ = saved("viscous_friction")
+    content = json.loads((folder / "diagnosis.json").read_text())
+    first, second = content["effects"][0]["parameters"]
+    first["at_bound"], second["std"] = True, None
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    known = posterior(read_findings(folder))
+    assert known.keys == ()
+    assert len(known.fixed) == 2
+    exec(randomization_code(known), made := {})
+    assert made["draw"](np.random.default_rng(0), 3) == {}
+
+
+def test_the_documented_table_is_the_one_in_the_code(repository: Path):
+    assert table() in (repository / "docs" / "export.md").read_text(encoding="utf-8")
