@@ -21,7 +21,6 @@ from scipy.ndimage import uniform_filter1d
 
 from walkerkit.gap.errors import InputError, refusal
 from walkerkit.gap.recordings.checks import source
-from walkerkit.gap.recordings.files import describe_row
 from walkerkit.gap.recordings.recording import LONGEST_STEP, Recording
 from walkerkit.gap.recordings.smooth import Smoothed
 from walkerkit.gap.simulation.robot import Joint, Robot
@@ -368,7 +367,7 @@ def _too_far(robot: Robot, joint: Joint, recording: Recording, signal: str) -> s
         remedy = f"The joint of {robot.source} ends at {upper:.4g} {unit}."
     return (
         f"column '{joint.name}/{signal}' has {values[row]:g} at "
-        f"{describe_row(recording.source, row)}, over {LARGEST_POSITION:g} {unit}: looks like "
+        f"{recording.row(row)}, over {LARGEST_POSITION:g} {unit}: looks like "
         f"{wrong}. {remedy}"
     )
 

@@ -16,14 +16,21 @@ from __future__ import annotations
 
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from walkerkit.gap.errors import closest, refusal
 from walkerkit.gap.recordings.files import check_file, is_recording
-from walkerkit.gap.recordings.given import OneOrMore, listed, model_name, recording_of
+from walkerkit.gap.recordings.given import (
+    OneOrMore,
+    check_keys,
+    is_callable,
+    listed,
+    model_name,
+    recording_of,
+)
 from walkerkit.gap.recordings.recording import Recording
 
 _KEYS = ("model", "recordings", "held_out")
@@ -111,16 +118,6 @@ def read_tables(path: Path, kind: str) -> list[dict[str, Any]]:
     return tables
 
 
-def check_keys(label: str, table: Iterable[str], valid: Sequence[str]) -> None:
-    """Raises InputError, which begins with the label, where a table has another key."""
-    for key in table:
-        if key not in valid:
-            raise refusal(
-                f"{label}: unknown key {key!r}{closest(key, valid)}. "
-                f"The keys are {', '.join(valid)}."
-            )
-
-
 def check_code(label: str, model: str, allow_code: bool) -> None:
     """Raises InputError, which begins with the label, for code that may not be run."""
     if is_callable(model) and not allow_code:
@@ -187,12 +184,6 @@ def load_experiments(
     return _named(
         [_Draft(model=source, fitted=[r for r in given if r not in held], held_out=held)], path
     )
-
-
-def is_callable(source: str) -> bool:
-    """Whether a model is named by `package.module:callable`, not by a file."""
-    head, separator, tail = source.rpartition(":")
-    return bool(separator) and tail.isidentifier() and "/" not in head and "\\" not in head
 
 
 @dataclass(frozen=True, kw_only=True)

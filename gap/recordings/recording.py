@@ -71,6 +71,7 @@ class Recording:
         notes: what a user should know about the data.
         wiring: errors of wiring that were mended in the columns.
         part_of: the recording that this was cut from; it knows the commands before.
+        imported: its rows are not those of the source, of which they were made.
 
     Raises:
         InputError: the data break the contract of this module.
@@ -84,6 +85,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     wiring: tuple[WiringError, ...] = ()
     part_of: Recording | None = None
+    imported: bool = False
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -215,7 +217,7 @@ class Recording:
             _check_header(path, names)
             return ["time", *_used(names)]
 
-        columns, remarks = read(path, choose)
+        columns, notes = read(path, choose)
         recording = cls(
             name=path.stem,
             time=columns.pop("time"),
@@ -223,7 +225,7 @@ class Recording:
             source=path,
             unused=tuple(name for name in names if name != "time" and name not in columns),
         )
-        return replace(recording, notes=(*remarks, *_notes(recording)))
+        return replace(recording, notes=(*notes, *remarks(recording)))
 
     def save(self, path: str | Path) -> None:
         """Writes the recording so that `load` gives the same numbers.
@@ -241,8 +243,9 @@ class Recording:
     def _error(self, problem: str) -> InputError:
         return refusal(f"{self.source or f'recording {self.name!r}'}: {problem}.")
 
-    def _row(self, row: int) -> str:
-        return describe_row(self.source, row)
+    def row(self, row: int) -> str:
+        """Says where a row (counted from 0) is: its number, and the line of a CSV that it is of."""
+        return describe_row(None if self.imported else self.source, row)
 
     def _check_names(self) -> None:
         joints = {joint for joint, signal in map(_split, self.columns) if signal == "position"}
@@ -287,7 +290,7 @@ class Recording:
                 numbers[row] = np.nan if value is None else float(value)
             except (TypeError, ValueError):
                 raise self._error(
-                    f"column {name!r} has {str(value)[:40]!r} at {self._row(row)}: no number. "
+                    f"column {name!r} has {str(value)[:40]!r} at {self.row(row)}: no number. "
                     "Write plain numbers in SI units, time in seconds"
                 ) from None
         return numbers
@@ -302,7 +305,7 @@ class Recording:
             )
             raise self._error(
                 f"column {name!r} is empty, NaN or infinite in {bad.size} of {values.size} rows, "
-                f"first {values[bad[0]]} at {self._row(bad[0])}. {remedy}"
+                f"first {values[bad[0]]} at {self.row(bad[0])}. {remedy}"
             )
 
     def _check_time(self, time: Array) -> None:
@@ -312,12 +315,12 @@ class Recording:
             before, after = float(time[bad[0]]), float(time[bad[0] + 1])
             if before - after > _RESET * np.median(np.abs(steps)) and bad.size <= _MOST_RESETS:
                 raise self._error(
-                    f"column 'time' jumps back at {self._row(bad[0] + 1)}: {before!r} s, then "
+                    f"column 'time' jumps back at {self.row(bad[0] + 1)}: {before!r} s, then "
                     f"{after!r} s: the clock was reset. Cut the file there into two recordings"
                 )
             raise self._error(
                 f"column 'time' {'repeats' if before == after else 'goes backwards'} at "
-                f"{self._row(bad[0] + 1)}: {before!r} s, then {after!r} s. "
+                f"{self.row(bad[0] + 1)}: {before!r} s, then {after!r} s. "
                 "Sort the rows by time and delete repeated ones"
             )
         step = float(np.median(steps))
@@ -337,7 +340,7 @@ class Recording:
             beyond = np.flatnonzero(np.abs(values) > LARGEST)
             if beyond.size:
                 raise self._error(
-                    f"column {name!r} has {values[beyond[0]]:g} at {self._row(beyond[0])}, over "
+                    f"column {name!r} has {values[beyond[0]]:g} at {self.row(beyond[0])}, over "
                     f"{LARGEST:g} in any SI unit. Delete such rows, or fill them"
                 )
         if QUATERNION[0] in columns:
@@ -346,7 +349,7 @@ class Recording:
             if off.size:
                 raise self._error(
                     f"columns 'base/quaternion_w…z' have norm {norm[off[0]]:g} at "
-                    f"{self._row(off[0])}. Log unit quaternions"
+                    f"{self.row(off[0])}. Log unit quaternions"
                 )
 
 
@@ -385,7 +388,8 @@ def _some(names: Iterable[str]) -> str:
     return f" (there are {', '.join(shown)})" if shown else ""
 
 
-def _notes(recording: Recording) -> Iterator[str]:
+def remarks(recording: Recording) -> Iterator[str]:
+    """What a user should know about a log that can be used: its sampling, its joints."""
     steps = np.diff(recording.time) * 1e3
     low, middle, high = np.quantile(steps, (0.0, 0.5, 1.0))
     if high > 1.9 * middle or low < 0.5 * middle:  # from a missed sample on
