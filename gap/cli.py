@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
 import typer
 
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.ingest.commands import app as ingest_commands
+from walkerkit.gap.own_robot.commands import app as own_robot_commands
 
 if TYPE_CHECKING:
     from walkerkit.gap.search.fit import Progress
@@ -30,6 +32,8 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.add_typer(ingest_commands)
+app.add_typer(own_robot_commands)
 _INTERRUPTED, _CLOSED_PIPE = 130, 141  # as of processes that the signals end
 # typer exports one kind of usage error, but not the class that all of them have in common.
 _UsageError: type[typer.BadParameter] = typer.BadParameter.__mro__[1]
@@ -39,11 +43,16 @@ Model = Annotated[
     typer.Argument(help="MJCF file, package.module:callable, or a manifest experiments.toml."),
 ]
 Recordings = Annotated[
-    list[Path] | None, typer.Argument(help="CSV, Parquet or NPZ recordings of the robot.")
+    list[Path] | None,
+    typer.Argument(help="CSV, Parquet or NPZ recordings of the robot, or logs as for `import`."),
 ]
 HeldOut = Annotated[
     list[Path] | None,
     typer.Option(help="A recording that no fit may see. May be given several times."),
+]
+Map = Annotated[
+    Path | None,
+    typer.Option("--map", help="How logs of other formats are read, as `import` writes it."),
 ]
 Window = Annotated[
     float,
@@ -128,6 +137,7 @@ def compare(
     model: Model,
     recordings: Recordings = None,
     held_out: HeldOut = None,
+    column_map: Map = None,
     window: Window = 0.5,
     threads: Threads = 0,
     allow_code: AllowCode = False,
@@ -143,6 +153,7 @@ def compare(
             model,
             recordings or (),
             held_out=held_out or (),
+            column_map=column_map,
             window=window,
             n_threads=threads,
             allow_code=allow_code,
@@ -156,6 +167,7 @@ def diagnose(
     model: Model,
     recordings: Recordings = None,
     held_out: HeldOut = None,
+    column_map: Map = None,
     out: Out = Path("walkerkit-diagnosis"),
     window: Window = 0.5,
     effect: Effects = None,
@@ -178,6 +190,7 @@ def diagnose(
             model,
             recordings or (),
             held_out=held_out or (),
+            column_map=column_map,
             window=window,
             effects=effect,
             n_threads=threads,

@@ -55,6 +55,7 @@ def load(
     recordings: OneOrMore = (),
     *,
     held_out: OneOrMore = (),
+    column_map: str | Path | None = None,
     window: float = WINDOW,
     hold: Hold | None = None,
     n_threads: int = 0,
@@ -67,6 +68,7 @@ def load(
         model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
         recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see; by default some are chosen.
+        column_map: as for `diagnose`.
         window: seconds after which replays restart where joints are driven by effort.
         hold: what the targets are between their samples: `zero_order`, `linear` or `next`; by
             default what the model's `actuators.json` says, else they are held (`zero_order`).
@@ -85,7 +87,14 @@ def load(
     """
     if hold is not None and hold not in get_args(Hold):
         raise InputError(f"hold is {hold!r}; give one of {', '.join(map(repr, get_args(Hold)))}.")
-    experiments = load_experiments(model, recordings, held_out=held_out, allow_code=allow_code)
+    experiments = load_experiments(
+        model,
+        recordings,
+        held_out=held_out,
+        column_map=column_map,
+        allow_code=allow_code,
+        allow_outside=allow_outside,
+    )
     setup = prepare(experiments, window=window, n_threads=n_threads, allow_outside=allow_outside)
     known = next((robot.hold for robot in setup.robots if robot.hold is not None), None)
     problem = setup.problem(hold or known or "zero_order")

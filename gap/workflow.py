@@ -125,6 +125,7 @@ def diagnose(
     recordings: OneOrMore = (),
     *,
     held_out: OneOrMore = (),
+    column_map: str | Path | None = None,
     window: float = WINDOW,
     effects: str | Sequence[str] | None = None,
     n_threads: int = 0,
@@ -141,6 +142,8 @@ def diagnose(
         model: MJCF file, `package.module:callable`, or a manifest `experiments.toml`.
         recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see.
+        column_map: file of a column map (`walkerkit.gap.ingest`), by which all files are read;
+            without one, logs of other formats are read as their names and the model say.
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
         effects: names of the effects to consider, or one; all by default.
@@ -163,7 +166,14 @@ def diagnose(
     start = time.perf_counter()
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
-            load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
+            load_experiments(
+                model,
+                recordings,
+                held_out=held_out,
+                column_map=column_map,
+                allow_code=allow_code,
+                allow_outside=allow_outside,
+            ),
             window=window,
             n_threads=n_threads,
             allow_outside=allow_outside,
@@ -237,6 +247,7 @@ def compare(
     recordings: OneOrMore = (),
     *,
     held_out: OneOrMore = (),
+    column_map: str | Path | None = None,
     window: float = WINDOW,
     n_threads: int = 0,
     allow_code: bool = False,
@@ -248,6 +259,7 @@ def compare(
         model: as for `diagnose`.
         recordings: as for `diagnose`.
         held_out: as for `diagnose`.
+        column_map: as for `diagnose`.
         window: as for `diagnose`.
         n_threads: as for `diagnose`.
         allow_code: as for `diagnose`.
@@ -262,7 +274,14 @@ def compare(
     start = time.perf_counter()
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
-            load_experiments(model, recordings, held_out=held_out, allow_code=allow_code),
+            load_experiments(
+                model,
+                recordings,
+                held_out=held_out,
+                column_map=column_map,
+                allow_code=allow_code,
+                allow_outside=allow_outside,
+            ),
             window=window,
             n_threads=n_threads,
             allow_outside=allow_outside,

@@ -134,7 +134,7 @@ def _numbers(
         courses = {f"{topic}/{joint}/{k}": c for joint, one in told.items() for k, c in one.items()}
         return {column: _first(course) for column, course in courses.items()}, courses
     fields = {key: value for key, value in vars(message).items() if key != "header"}
-    return {f"{topic}/{p}": _number(value) for p, value in flat(fields).items()}, {}
+    return flat(fields, f"{topic}/"), {}
 
 
 def _first(course: Course) -> float:

@@ -67,7 +67,8 @@ class Clocks:
         if rate is not None:
             counted = found.clocks.get(clock)
             counts = np.arange(found.size) if counted is None else counted - counted[0]
-            return np.rint(1e9 * (counts / rate)).astype(np.int64)
+            exact: Nanoseconds = np.rint(1e9 * (counts / rate)).astype(np.int64)
+            return exact
         if clock in found.clocks:
             return self._exact(found.clocks[clock], self._time.unit)
         rows = self._log.topics[self._rows].clocks

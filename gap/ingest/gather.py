@@ -9,20 +9,22 @@ flat({"motorState": [{"q": 0.1}]})      # {"motorState[0].q": 0.1}
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
+from math import nan
 from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from walkerkit.gap.ingest.log import Column, Stamps, Topic
+from walkerkit.gap.ingest.unitree import NO_SIGNALS
 from walkerkit.gap.recordings.trajectory import Course
 
 MOST_IN_A_LIST = 256
 """Numbers of one list that become columns; pictures and clouds have more."""
 
-_NEVER = {"reserve", "wireless_remote", "crc", "covariance", "layout"}
+_NEVER = {"covariance", "layout", *NO_SIGNALS}
 """Fields that hold no signal, in messages of which every one would become a column."""
 
 
@@ -86,34 +88,36 @@ class Gather:
         return topics, columns
 
 
-def flat(value: Any, path: str = "", names: Sequence[str] = ()) -> dict[str, float]:
-    """The numbers of a nested value, by their paths.
+def flat(value: Any, path: str = "") -> dict[str, float]:
+    """The numbers of a nested value, by their paths; NaN for what is there and is no number.
 
     Args:
-        value: of mappings, dataclasses, lists, arrays and numbers; anything else is left out.
+        value: of mappings, dataclasses, lists, arrays and numbers; anything else is left out. Lists
+            that are as long as a list of joints' names beside them have these for places.
         path: where it is itself.
-        names: of the entries of lists that are as long, such as a message's joints.
     """
-    return dict(_flat(value, path, names))
+    found: dict[str, float] = {}
+    _flatten(value, path, (), found)
+    return found
 
 
-def _flat(value: Any, path: str, names: Sequence[str]) -> Iterator[tuple[str, float]]:
-    if value is None or isinstance(value, Real):
-        yield path, np.nan if value is None else float(value)
-    elif isinstance(value, Mapping) or is_dataclass(value):
-        entries = _entries(value)
+def _flatten(value: Any, path: str, names: Sequence[str], found: dict[str, float]) -> None:
+    kind = type(value)
+    if kind is float or kind is int or value is None or isinstance(value, Real):
+        found[path] = nan if value is None else float(value)
+    elif kind is list or kind is tuple or kind is np.ndarray:
+        if len(value) > MOST_IN_A_LIST:
+            return
+        labels: Iterable[Any] = names if len(names) == len(value) else range(len(value))
+        for label, entry in zip(labels, value, strict=True):
+            _flatten(entry, f"{path}[{label}]", (), found)
+    elif kind is not str and (isinstance(value, Mapping) or is_dataclass(value)):
+        entries = value if isinstance(value, Mapping) else vars(value)
         names = _names(entries) or names
         for key, entry in entries.items():
             if key not in _NEVER:
-                yield from _flat(entry, f"{path}.{key}" if path else str(key), names)
-    elif isinstance(value, list | tuple | np.ndarray) and len(value) <= MOST_IN_A_LIST:
-        labels: Iterable[Any] = names if len(names) == len(value) else range(len(value))
-        for label, entry in zip(labels, value, strict=True):
-            yield from _flat(entry, f"{path}[{label}]", ())
-
-
-def _entries(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else vars(value)
+                within = f"{path}.{key}" if path and path[-1] != "/" else f"{path}{key}"
+                _flatten(entry, within, names, found)
 
 
 def _names(entries: Mapping[str, Any]) -> Sequence[str]:

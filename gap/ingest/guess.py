@@ -18,7 +18,7 @@ from walkerkit.gap.ingest.bag import CONTROLLER_STATE, HEADER, JOINT_STATE, RECE
 from walkerkit.gap.ingest.base_columns import base_columns
 from walkerkit.gap.ingest.clocks import unit_of
 from walkerkit.gap.ingest.column_map import ColumnMap, JointMap, SignalMap, TimeMap
-from walkerkit.gap.ingest.log import Log
+from walkerkit.gap.ingest.log import FloatArray, Log
 from walkerkit.gap.ingest.model import Model
 from walkerkit.gap.ingest.patterns import Pattern, is_by_place, kind_of, match, patterns
 from walkerkit.gap.ingest.unitree import NOT_COMMANDED
@@ -78,6 +78,8 @@ class _Guess:
             found = self._chosen(kind, position.pattern.topic)
             if found is not None:
                 signals[kind] = self._signal(kind, found, joints)
+                if kind == "position_target":
+                    self._tell_gains(found.pattern)
         self._check_named(joints)
         if not any(kind.endswith("_target") for kind in signals):
             raise self._none("position_target")
@@ -213,11 +215,31 @@ class _Guess:
 
     def _without_gain(self, kind: str, pattern: Pattern) -> bool:
         """Whether a command of positions has gains beside it that are all 0."""
-        if kind != "position_target" or not pattern.name.endswith(".q"):
-            return False
-        names = [name.removesuffix(".q") + ".kp" for name in pattern.elements.values()]
-        gains = [self._log.columns[name].values for name in names if name in self._log.columns]
-        return bool(gains) and not any(np.nan_to_num(values).any() for values in gains)
+        gains = self._gains(pattern, "kp") if kind == "position_target" else []
+        return bool(gains) and not any(values.any() for values in gains)
+
+    def _gains(self, pattern: Pattern, gain: str) -> list[FloatArray]:
+        """What a drive's command says of a gain of each joint, beside its position `q`."""
+        if not pattern.name.endswith(("}.q", "}_q")):
+            return []
+        names = [f"{name[:-1]}{gain}" for name in pattern.elements.values()]
+        found = [self._log.columns[name].values for name in names if name in self._log.columns]
+        return [np.nan_to_num(values) for values in found]
+
+    def _tell_gains(self, pattern: Pattern) -> None:
+        """Says with which gains the drives were told to go there."""
+        told = []
+        for gain in ("kp", "kd"):
+            values = [one[one != 0] for one in self._gains(pattern, gain)]
+            known = np.concatenate(values) if values else np.zeros(0)
+            if known.size:
+                low, high = known.min(), known.max()
+                told.append(f"{gain} {low:g}" + (f" to {high:g}" if high > low else ""))
+        if told:
+            self.notes.append(
+                f"the commands have {' and '.join(told)}: a model with other gains, or with torque "
+                "motors, takes them by `walkerkit servo`"
+            )
 
     def _time(self, topic: str) -> TimeMap:
         if self._given.time is not None:

@@ -14,10 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from walkerkit.gap.ingest.bag import ARRAY, TRAJECTORY
-from walkerkit.gap.ingest.log import Log
+from walkerkit.gap.ingest.log import Column, Log
 from walkerkit.gap.ingest.model import Model
 from walkerkit.gap.ingest.unitree import QUADRUPED_ORDER
 from walkerkit.gap.ingest.words import signal_of
+from walkerkit.gap.recordings.recording import LARGEST
 
 _BRACKET = re.compile(r"^(.*\[)([^\[\]]+)(\].*)$")
 _DIGITS = re.compile(r"^(.*?)(\d+)(\D*)$")
@@ -93,8 +94,8 @@ def match(pattern: Pattern, log: Log, model: Model) -> dict[str, str] | None:
     if vendor is not None and len(ordered) >= len(vendor):
         return dict(zip(vendor, ordered, strict=False))
     if len(ordered) > len(model.order):
-        # Drives that are not there say 0 all the time.
-        ordered = [e for e in ordered if np.nan_to_num(log.columns[elements[e]].values).any()]
+        # Drives that are not there say 0 all the time, or are told to do nothing.
+        ordered = [e for e in ordered if _says_something(log.columns[elements[e]])]
     if len(ordered) != len(model.order):
         return None
     return dict(zip(model.order, ordered, strict=True))
@@ -138,6 +139,11 @@ def _by_name(elements: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
         if len(same) == 1:
             found[joint] = same[0]
     return found if len(set(found.values())) == len(found) else {}
+
+
+def _says_something(column: Column) -> bool:
+    values = np.nan_to_num(column.values)
+    return bool(np.any((values != 0) & (np.abs(values) < LARGEST)))
 
 
 def _vendor_order(model: Model) -> list[str] | None:

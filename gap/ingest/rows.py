@@ -313,7 +313,8 @@ class _Rows:
         self._notes.append(f"{name} has samples of its own; it was interpolated at the rows")
         start = self._time[0]
         x, known = (self._time - start).astype(float), (time - start).astype(float)
-        return np.interp(x, known, kept)
+        interpolated: FloatArray = np.interp(x, known, kept)
+        return interpolated
 
     def _ordered(self, columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
         """Joint by joint, in the order of the map."""

@@ -33,8 +33,13 @@ from walkerkit.gap.recordings.files import MOST_VALUES, check_file
 Array = NDArray[Any]
 
 _EPOCH = 1e8  # s; a clock that shows more counts from 1970
-_PAIRS = (("sec", "nanosec", 1), ("secs", "nsecs", 1), ("tv_sec", "tv_nsec", 1))
-_PAIRS += (("tv_sec", "tv_usec", 1000),)
+_PAIRS = (
+    ("sec", "nanosec", 1),
+    ("secs", "nsecs", 1),
+    ("tv_sec", "tv_nsec", 1),
+    ("tv_sec", "tv_usec", 1000),
+)
+"""Ends of the names of two columns that tell one time, and the second's nanoseconds."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|NaN")
 _TOPIC = ("topic", "channel")
 
@@ -132,7 +137,8 @@ def _read_csv(path: Path) -> Log:
         if epoch and np.nanmax(np.abs(values.to_numpy()), initial=0.0) > _EPOCH:
             # A float keeps a quarter of a microsecond of them, the text keeps all.
             text = _parsed(path, dialect, {name: pyarrow.string()}).column(name)
-            columns[name] = _nanoseconds(text.to_pylist()) or values.to_numpy()
+            exact = _nanoseconds(text.to_pylist())
+            columns[name] = values.to_numpy() if exact is None else exact
         else:
             columns |= _numbers(name, values)
     return log_of(path, columns, notes=dialect.notes)
@@ -149,7 +155,7 @@ def _parsed(path: Path, dialect: Dialect, types: Mapping[str, Any]) -> Any:
     )
 
 
-def _nanoseconds(texts: Sequence[str]) -> Any:
+def _nanoseconds(texts: Sequence[str]) -> NDArray[np.int64] | None:
     """Seconds as text in whole nanoseconds, None where one of them is no number."""
     try:
         whole = [int((decimal.Decimal(text) * 10**9).to_integral_value()) for text in texts]

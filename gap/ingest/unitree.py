@@ -69,3 +69,14 @@ QUADRUPED_ORDER: Final = tuple(
 
 NOT_COMMANDED: Final = MappingProxyType({"position": 2.146e9, "velocity": 16000.0})
 """What `q` and `dq` of a command are where the drive is to ignore them (PosStopF, VelStopF)."""
+
+NO_SIGNALS: Final = frozenset(
+    {
+        *("head", "level_flag", "frame_reserve", "sn", "version", "bandwidth", "reserve", "crc"),
+        *("wireless_remote", "bms_state", "bms_cmd", "fan", "fan_frequency", "led", "gpio"),
+        *("bit_flag", "adc_reel", "temperature", "temperature_ntc1", "temperature_ntc2", "lost"),
+        *("mode", "mode_pr", "mode_machine", "sensor", "motorstate", "foot_force_est"),
+        *("ddq", "q_raw", "dq_raw", "ddq_raw"),
+    }
+)
+"""Fields of its messages, twenty times each in some, that nothing here reads."""

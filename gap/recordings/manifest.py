@@ -5,8 +5,9 @@ experiments = load_experiments("leg.xml", ["walk.csv", "squat.csv"], held_out=["
 
     [[experiment]]
     model = "kp400.xml"                     # or "package.module:callable", where that is allowed
-    recordings = ["sin.csv", "step.csv"]
+    recordings = ["sin.csv", "step.csv"]    # or logs of any format that `walkerkit import` reads
     held_out = ["chirp.csv"]                # optional, and none of the files above
+    map = "map.toml"                        # optional: how logs of other formats are read
 
 Files are relative to the manifest's folder. An experiment may be held out as a whole: it then has
 `held_out` alone. Recordings get names that are unique over all experiments.
@@ -22,6 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from walkerkit.gap.errors import closest, refusal
+from walkerkit.gap.ingest.column_map import ColumnMap
+from walkerkit.gap.ingest.importing import import_log
+from walkerkit.gap.ingest.reading import is_foreign
 from walkerkit.gap.recordings.files import check_file, is_recording
 from walkerkit.gap.recordings.given import (
     OneOrMore,
@@ -32,8 +36,9 @@ from walkerkit.gap.recordings.given import (
     recording_of,
 )
 from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.simulation.robot import Robot, load_robot
 
-_KEYS = ("model", "recordings", "held_out")
+_KEYS = ("model", "recordings", "held_out", "map")
 _COMMANDS = {"experiment": "diagnose", "robot": "diagnose-fleet"}  # by what a file lists
 
 
@@ -69,12 +74,15 @@ class Experiment:
             )
 
 
-def load_manifest(path: str | Path, *, allow_code: bool = False) -> tuple[Experiment, ...]:
+def load_manifest(
+    path: str | Path, *, allow_code: bool = False, allow_outside: bool = False
+) -> tuple[Experiment, ...]:
     """Loads the experiments that a manifest lists.
 
     Args:
         path: a TOML file, as in this module's docstring.
         allow_code: a model may be `package.module:callable`, which runs what is there.
+        allow_outside: a model's meshes and included files may lie outside of its folder.
 
     Returns:
         The experiments, in the file's order.
@@ -85,7 +93,10 @@ def load_manifest(path: str | Path, *, allow_code: bool = False) -> tuple[Experi
     path = Path(path)
     tables = read_tables(path, "experiment")
     return _named(
-        [_experiment(path, number, table, allow_code) for number, table in enumerate(tables, 1)],
+        [
+            _experiment(path, number, table, allow_code, allow_outside)
+            for number, table in enumerate(tables, 1)
+        ],
         path,
     )
 
@@ -148,7 +159,9 @@ def load_experiments(
     recordings: OneOrMore = (),
     held_out: OneOrMore = (),
     *,
+    column_map: str | Path | None = None,
     allow_code: bool = False,
+    allow_outside: bool = False,
 ) -> tuple[Experiment, ...]:
     """Loads what the command line names: a model and its recordings, or a manifest alone.
 
@@ -157,6 +170,9 @@ def load_experiments(
         recordings: files or recordings, or one; none with a manifest.
         held_out: which of them are held out, by name, file or recording; files and recordings that
             are not among `recordings` are added.
+        column_map: file of a column map (`walkerkit.gap.ingest`), by which all files are read;
+            without one, logs of other formats are read as their names and the model say.
+        allow_outside: as for `load_manifest`.
         allow_code: as for `load_manifest`; a callable that is named here itself is always allowed.
 
     Returns:
@@ -175,15 +191,47 @@ def load_experiments(
                 f"{path}: a manifest lists its recordings itself, but {_title(extra)} is given "
                 "beside it. Leave one of the two out."
             )
-        return load_manifest(path, allow_code=allow_code)
+        if column_map is not None:
+            raise refusal(
+                f"{path}: a manifest names its maps itself. Write map = {str(column_map)!r} below "
+                "the [[experiment]] instead."
+            )
+        return load_manifest(path, allow_code=allow_code, allow_outside=allow_outside)
     _check_model(source)
     if not recordings and not held_out:
         raise refusal(f"{source}: no recording is given. Name at least one after the model.")
-    given = [recording_of(item) for item in recordings]
-    held = [_find(item, given) or recording_of(item) for item in held_out]
+    load = _Loader(source, column_map, allow_outside)
+    given = [recording for item in recordings for recording in load(item)]
+    held = []
+    for item in held_out:
+        found = _find(item, given)
+        held += [found] if found is not None else load(item)
     return _named(
         [_Draft(model=source, fitted=[r for r in given if r not in held], held_out=held)], path
     )
+
+
+class _Loader:
+    """Loads recordings of one model, and logs of other formats.
+
+    Args:
+        model: path or `package.module:callable`.
+        column_map: by which files are read, or None.
+        allow_outside: as for `load_manifest`.
+    """
+
+    def __init__(self, model: str, column_map: str | Path | None, allow_outside: bool):
+        self._model, self._allow_outside = model, allow_outside
+        self._map = None if column_map is None else ColumnMap.load(column_map)
+        self._robot: Robot | None = None
+
+    def __call__(self, item: object) -> list[Recording]:
+        file = isinstance(item, str | Path)
+        if not file or not (self._map is not None or is_foreign(Path(str(item)))):
+            return [recording_of(item)]
+        if self._robot is None:
+            self._robot = load_robot(self._model, allow_outside=self._allow_outside)
+        return list(import_log(Path(str(item)), self._robot, self._map).recordings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +243,9 @@ class _Draft:
     held_out: list[Recording]
 
 
-def _experiment(path: Path, number: int, table: Mapping[str, Any], allow_code: bool) -> _Draft:
+def _experiment(
+    path: Path, number: int, table: Mapping[str, Any], allow_code: bool, allow_outside: bool
+) -> _Draft:
     label = f"{path}: experiment {number}"
     check_keys(label, table, _KEYS)
     model = table.get("model")
@@ -212,11 +262,15 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any], allow_code: b
     if not is_callable(model):
         model = str(path.parent / model)
     _check_model(model)
-    return _Draft(
-        model=model,
-        fitted=[Recording.load(path.parent / file) for file in files["recordings"]],
-        held_out=[Recording.load(path.parent / file) for file in files["held_out"]],
+    column_map = table.get("map")
+    if column_map is not None and not (isinstance(column_map, str) and column_map):
+        raise refusal(f'{label} has map = {column_map!r}. Write map = "map.toml".')
+    load = _Loader(model, None if column_map is None else path.parent / column_map, allow_outside)
+    fitted, held_out = (
+        [recording for file in files[key] for recording in load(path.parent / file)]
+        for key in ("recordings", "held_out")
     )
+    return _Draft(model=model, fitted=fitted, held_out=held_out)
 
 
 def _named(drafts: Sequence[_Draft], source: Path) -> tuple[Experiment, ...]:

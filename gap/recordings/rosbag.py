@@ -67,7 +67,7 @@ def load_bag(
     _check_type(log, joint_topic, (JOINT_STATE,))
     _check_type(log, command_topic, (JOINT_STATE, TRAJECTORY, ARRAY))
     states = _joints_of(log, joint_topic)
-    signals = {
+    signals: dict[str, SignalMap] = {
         kind: SignalMap(pattern=f"{joint_topic}/{{}}/{kind}", unit=_UNITS[kind])
         for kind in KINDS
         if any(f"{joint_topic}/{joint}/{kind}" in log.columns for joint in states)
