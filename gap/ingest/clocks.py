@@ -22,7 +22,8 @@ from walkerkit.gap.ingest.words import time_unit
 
 Nanoseconds = NDArray[np.int64]
 
-_EPOCHS = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": 1e8}  # from where on a clock counts from 1970
+_EPOCH = 9e8, 4e9  # s since 1970, of this century
+_LIKELY = 1e-5, 10.0  # s, of a step
 _STEPS = {"ns": 2e5, "us": 200.0, "ms": 0.2, "s": 0.0}  # from where on a relative one's median is
 _RECEIVED = "received"
 
@@ -67,8 +68,8 @@ class Clocks:
         if rate is not None:
             counted = found.clocks.get(clock)
             counts = np.arange(found.size) if counted is None else counted - counted[0]
-            exact: Nanoseconds = np.rint(1e9 * (counts / rate)).astype(np.int64)
-            return exact
+            even: Nanoseconds = np.rint(1e9 * (counts / rate)).astype(np.int64)
+            return even
         if clock in found.clocks:
             return self._exact(found.clocks[clock], self._time.unit)
         rows = self._log.topics[self._rows].clocks
@@ -121,8 +122,10 @@ def unit_of(name: str, stamps: Stamps) -> str:
     largest, step = float(np.abs(values).max()), float(np.median(np.abs(np.diff(values))))
     if step == 0.0:
         step = float((values.max() - values.min()) / len(values))
-    for unit, least in _EPOCHS.items():
-        if largest >= least and (unit == "s" or step >= _STEPS[unit]):
+    for unit, nanoseconds in TIME_UNITS.items():
+        seconds = 1e-9 * nanoseconds
+        since_1970 = _EPOCH[0] <= seconds * largest <= _EPOCH[1]
+        if since_1970 and _LIKELY[0] <= seconds * step <= _LIKELY[1]:
             return unit
     return told or next(unit for unit, least in _STEPS.items() if step >= least)
 
@@ -141,7 +144,8 @@ def _even(stamps: NDArray[Any], seconds: float) -> tuple[float, Nanoseconds] | N
     exact = counts / rate
     if np.abs((stamps - stamps[0]) * seconds - exact).max() > 1.5 * rounding * seconds:
         return None
-    return rate, np.rint(1e9 * (exact + float(stamps[0]) * seconds)).astype(np.int64)
+    start = int(np.rint(1e9 * float(stamps[0]) * seconds))
+    return rate, np.rint(1e9 * exact).astype(np.int64) + start
 
 
 def _no_clock(log: Log, topic: str, found: Topic, clock: str) -> str:

@@ -104,7 +104,7 @@ class _Guess:
             candidate
             for pattern in self._patterns.values()
             if kind_of(pattern, self._log) == kind and self._says_something(kind, pattern)
-            if (candidate := self._candidate(pattern, topic)) is not None
+            if (candidate := self._candidate(kind, pattern, topic)) is not None
         ]
         if not found:
             return None
@@ -119,12 +119,14 @@ class _Guess:
             )
         return rivals[0]
 
-    def _candidate(self, pattern: Pattern, topic: str) -> _Candidate | None:
-        joints = self._as_given(pattern) or match(pattern, self._log, self._model)
+    def _candidate(self, kind: str, pattern: Pattern, topic: str) -> _Candidate | None:
+        joints = self._as_given(pattern)
+        if joints is None and (self._given.joints is None or kind != "position"):
+            joints = match(pattern, self._log, self._model)
         if not joints:
             return None
-        kind = self._log.topics[pattern.topic].kind
-        preferred = [k for k, name in enumerate(_PREFERRED) if kind.endswith(name)]
+        message = self._log.topics[pattern.topic].kind
+        preferred = [k for k, name in enumerate(_PREFERRED) if message.endswith(name)]
         rank = (
             int(bool(topic) and pattern.topic == topic),
             len(joints),

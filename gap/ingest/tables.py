@@ -118,7 +118,7 @@ def _stamped(arrays: Mapping[str, Array]) -> dict[str, Stamps]:
     for column, values in arrays.items():
         if is_time(column) and not any(column.startswith(f"{pair}.") for pair in found):
             kept = values[np.isfinite(values)] if values.dtype.kind == "f" else values
-            if len(kept) > 1 and np.all(np.diff(kept) >= 0) and kept[-1] > kept[0]:
+            if len(kept) > 1 and np.all(np.diff(kept) >= 0):
                 found[column] = values
     return found
 

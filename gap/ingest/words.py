@@ -17,6 +17,8 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
+_FIRST = frozenset({"time", "timestamp", "timestamps", "stamp"})
+"""Words that make a time of whatever follows, be it of efforts."""
 TIMES = frozenset({"time", "timestamp", "timestamps", "stamp", "tick", "ticks", "t", "ts"})
 _TARGETS = _words(
     "des desired target targets cmd command commands commanded ref reference goal set setpoint sp "
@@ -42,7 +44,10 @@ def parts(name: str) -> list[str]:
 
 def is_time(name: str) -> bool:
     """Whether a column by this name tells the time."""
-    words = set(parts(name))
+    ordered = parts(name)
+    words = set(ordered)
+    if ordered and ordered[0] in _FIRST:
+        return True
     signal = any(words & kind for kind in _KINDS.values())
     return bool(words & TIMES) and not signal
 

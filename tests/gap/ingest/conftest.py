@@ -12,7 +12,7 @@ from walkerkit.walkers.leg import LEG_XML
 @pytest.fixture(scope="session")
 def log() -> Recording:
     """One log of our leg whose numbers are in nanoseconds and in float32, as in all formats."""
-    (chirp, *_) = rehearse(LEG_XML, ["none"], seed=3, seconds=1.5).recordings
+    (chirp, *_) = rehearse(LEG_XML, ["none"], seed=3, seconds=1.0).recordings
     return Recording(
         name="chirp",
         time=np.rint(chirp.time * RATE) / RATE,
