@@ -51,10 +51,6 @@ def matrix(log: Recording, signal: str) -> Any:
     return np.stack([log.columns[f"{joint}/{signal}"] for joint in JOINTS], axis=1)
 
 
-def same(log: Recording, angles: Any) -> Any:
-    return angles
-
-
 @dataclass(frozen=True, kw_only=True)
 class Format:
     """A way to write the log.
@@ -188,15 +184,18 @@ def bag(
     states: str = "/joint_states",
     made: Callable[[Recording, int, int], Any] = state,
     single: bool = False,
-    definitions: bool = True,
+    version: int = 9,
 ) -> Write:
-    """States and commands on topics of their own; commands are given half a millisecond before."""
+    """States and commands on topics of their own; commands are given half a millisecond before.
+
+    Version 8, of ROS 2 Humble, leaves the definitions of the messages out of SQLite.
+    """
 
     def write(log: Recording, folder: Path) -> Path:
         plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
         path = folder / "run"
         targets = matrix(log, "position_target")
-        with Writer(path, version=9, storage_plugin=plugin) as writer:
+        with Writer(path, version=version, storage_plugin=plugin) as writer:
             topics: dict[str, Any] = {}
             for k, time in enumerate(log.time):
                 stamp = EPOCH + round(time * 1e9)
@@ -207,8 +206,6 @@ def bag(
                 ):
                     kind = one.__msgtype__
                     if name not in topics:
-                        options = {} if definitions else {"msgdef": None}
-                        del options
                         topics[name] = writer.add_connection(name, kind, typestore=STORE)
                     writer.write(topics[name], at, STORE.serialize_cdr(one, kind))
         return next(path.glob("*.mcap" if mcap else "*.db3")) if single else path
@@ -456,7 +453,7 @@ WRITERS: dict[str, Format] = {
         write=bag("/leg_controller/controller_state", controller_state, mcap=True)
     ),
     "bag_unitree": Format(
-        write=bag("/lowcmd", low_command, mcap=False, states="/lowstate", made=low_state)
+        write=bag("/lowcmd", low_command, mcap=False, states="/lowstate", made=low_state, version=8)
     ),
     "lerobot_radians": Format(write=lerobot(lambda angles: angles), signals=ANGLES),
     "lerobot_degrees": Format(
