@@ -12,10 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from walkerkit.gap.errors import refusal
 from walkerkit.gap.ingest.column_map import ColumnMap
 from walkerkit.gap.ingest.guess import complete
-from walkerkit.gap.ingest.log import Log
+from walkerkit.gap.ingest.log import Column, Log, Topic
 from walkerkit.gap.ingest.model import Model
 from walkerkit.gap.ingest.reading import read_logs
 from walkerkit.gap.ingest.rows import recording_of
@@ -61,7 +63,7 @@ def import_log(
     logs = read_logs(path, None if calibration is None else Path(calibration))
     if given.episodes is not None:
         logs = _chosen(path, logs, given.episodes)
-    mapping, notes = complete(_longest(logs), Model.of(robot), given)
+    mapping, notes = complete(_together(logs), Model.of(robot), given)
     recordings = [recording_of(log, mapping) for log in logs]
     return Imported(
         recordings=tuple(
@@ -84,6 +86,26 @@ def _chosen(path: Path, logs: list[Log], episodes: tuple[int, ...]) -> list[Log]
     return [known[episode] for episode in episodes]
 
 
-def _longest(logs: list[Log]) -> Log:
-    """The log that shows most of what the numbers can be."""
-    return max(logs, key=lambda log: sum(topic.size for topic in log.topics.values()))
+def _together(logs: list[Log]) -> Log:
+    """All episodes of a data set as one log, which shows most of what its numbers can be."""
+    first = logs[0]
+    if len(logs) == 1:
+        return first
+    topics = {
+        name: Topic(
+            kind=topic.kind,
+            size=sum(log.topics[name].size for log in logs),
+            clocks={
+                clock: np.concatenate([log.topics[name].clocks[clock] for log in logs])
+                for clock in topic.clocks
+            },
+        )
+        for name, topic in first.topics.items()
+    }
+    columns = {
+        name: Column(
+            topic=column.topic, values=np.concatenate([log.columns[name].values for log in logs])
+        )
+        for name, column in first.columns.items()
+    }
+    return replace(first, topics=topics, columns=columns)

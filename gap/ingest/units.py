@@ -101,7 +101,7 @@ class _Units:
         share = lerobot and all(np.abs(values[joint]).max() <= _PERCENT for joint in arm)
         for joint in grippers:
             self._joints[joint] = replace(self._joints[joint], unit="percent")
-        if lerobot and share and (absolute or centred):
+        if lerobot and share == (absolute or centred):
             raise self._doubt(kinds, max(float(np.abs(values[j]).max()) for j in arm))
         if share:
             return "m100"
@@ -212,9 +212,9 @@ class _Units:
         return 0.5 * (model.lower + model.upper) if np.isfinite(model.upper) else 0.0
 
     def _doubt(self, kinds: Sequence[str], peak: float) -> InputError:
-        lines = " and ".join(f'[signals.{kind}] unit = "deg"' for kind in kinds)
         return refusal(
             f"{self._log.path}: positions of up to {peak:.4g} may be degrees, or per cent of each "
             "joint's calibrated range, as LeRobot records them unless use_degrees is set. Write "
-            f'which into a map, {lines}, or "m100" instead of "deg", and give it with --map.'
+            f'which into a map, below a line [signals.{kinds[0]}], unit = "deg" or unit = "m100", '
+            "and give it with --map."
         )

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow
+import pyarrow.parquet
 import pytest
 
 from tests.gap.ingest import writers
@@ -88,7 +90,14 @@ def test_a_missing_topic(tmp_path: Path, log: Recording) -> None:
 def test_degrees_or_per_cent(tmp_path: Path, log: Recording) -> None:
     form = WRITERS["lerobot_percent"]
     path = form.write(log, tmp_path)
-    refused(path, "positions of up to 38.", "may be degrees, or per cent", 'unit = "deg"', '"m100"')
+    refused(
+        path,
+        "positions of up to 38.",
+        "may be degrees, or per cent",
+        "below a line [signals.position]",
+        'unit = "deg"',
+        '"m100"',
+    )
     degrees = read(path, '[signals.position]\nunit = "deg"').recordings[0]
     percent = read(path, '[signals.position]\nunit = "m100"').recordings[0]
     np.testing.assert_array_equal(
@@ -211,3 +220,31 @@ def test_an_imu_tells_of_a_base_that_floats(tmp_path: Path) -> None:
     ).recordings
     np.testing.assert_allclose(recording.columns["base/quaternion_y"], turn[:, 2], atol=1e-15)
     assert np.all(recording.columns["base/angular_velocity_y"] == 1)
+
+
+def test_all_episodes_of_a_data_set_tell_its_unit(tmp_path: Path, log: Recording) -> None:
+    """One that hardly moves could be per cent as well; it is in the unit of the others."""
+    path = writers.lerobot(np.rad2deg, suffix=".pos")(log, tmp_path)
+    file = next(path.rglob("*.parquet"))
+    table = pyarrow.parquet.read_table(file)
+    rows = table.num_rows
+    still = np.array([0.5, 20, -60]) + 0.1 * np.sin(np.arange(rows))[:, None]
+    still = still.astype(np.float32)
+    vectors = {
+        name: pyarrow.array(list(still), pyarrow.list_(pyarrow.float32()))
+        for name in ("observation.state", "action")
+    }
+    other = {name: vectors.get(name, table.column(name)) for name in table.column_names}
+    other["episode_index"] = pyarrow.array(np.ones(rows, int))
+    both = pyarrow.concat_tables([pyarrow.table(other), table])
+    pyarrow.parquet.write_table(both, file)
+    first, second = read(path).recordings
+    assert (first.name, second.name) == ("leg_data_episode_000", "leg_data_episode_001")
+    np.testing.assert_allclose(
+        first.columns["hip/position"], log.columns["hip/position"], atol=1e-6
+    )
+    found = second.columns["hip/position"]
+    np.testing.assert_allclose(found, np.deg2rad(still[:, 0]), atol=1e-9)
+    (chosen,) = read(path, "episodes = [1]\n[signals.position]\nunit = 'deg'").recordings
+    assert chosen.name == second.name
+    refused(path, "no episode 7", "It has 0 to 1", text="episodes = [7]")
