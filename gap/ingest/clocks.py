@@ -110,7 +110,8 @@ class Clocks:
         whole = np.where(np.isfinite(stamps), stamps, np.nan)
         start = np.nanmin(whole)
         offset = np.rint(np.nan_to_num(factor * (whole - start)))
-        return offset.astype(np.int64) + int(np.rint(factor * start))
+        nanoseconds: Nanoseconds = offset.astype(np.int64) + int(np.rint(factor * start))
+        return nanoseconds
 
 
 def unit_of(name: str, stamps: Stamps) -> str:
