@@ -26,7 +26,6 @@ from walkerkit.gap.ingest.units import with_units
 from walkerkit.gap.ingest.words import parts
 from walkerkit.gap.recordings.recording import LARGEST, SIGNALS
 
-_MEASURED = SIGNALS[:3]
 _PREFERRED = (JOINT_STATE, "LowState", "LowCmd", CONTROLLER_STATE)
 _FIRST_CLOCKS = (HEADER, "header.stamp", "time", "__time", "timestamp")
 _SHOWN = 8
@@ -182,11 +181,11 @@ class _Guess:
         same = all(joints[j].log == e for j, e in found.joints.items() if j in joints)
         order = said.order
         if order is None and not same:
-            ordered = sorted(found.joints, key=lambda joint: found.joints[joint])
-            places = [found.joints[joint] for joint in ordered]
-            if places != [str(k) for k in range(len(places))]:
+            by_place = {element: joint for joint, element in found.joints.items()}
+            places = [str(k) for k in range(len(by_place))]
+            if set(by_place) != set(places):
                 raise self._unmatched(kind, found.pattern)
-            order = tuple(ordered)
+            order = tuple(by_place[place] for place in places)
             self.notes.append(
                 f"{found.pattern.name} does not name its joints: its places were taken in the "
                 f"order {', '.join(order)}"

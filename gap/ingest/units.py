@@ -65,6 +65,8 @@ class _Units:
         if unsaid and any(not self._model.joints[j].slide for j in self._joints):
             unit = self._of_positions(unsaid)
             signals |= {kind: replace(signals[kind], unit=unit) for kind in unsaid}
+        if self._log.convention == "lerobot" and self._given.joints is None:
+            self._with_grippers(signals)
         self._with_ranges(signals)
         mapping = replace(self._map, signals=signals, joints=self._joints)
         if "velocity" in signals and self._map.signals["velocity"].unit == "":
@@ -94,15 +96,13 @@ class _Units:
             return "rad"
         lerobot = self._log.convention == "lerobot"
         degrees = {joint: UNITS["position"]["deg"] * v for joint, v in values.items()}
-        grippers = [j for j in values if lerobot and "gripper" in self._joints[j].log.lower()]
-        arm = [joint for joint in values if joint not in grippers]
+        arm = [joint for joint in values if not (lerobot and _is_gripper(self._joints[joint]))]
         absolute = all(self._fits(joint, degrees[joint]) for joint in arm)
         centred = all(self._fits(j, degrees[j] + self._middle(j)) for j in arm)
-        share = lerobot and all(np.abs(values[joint]).max() <= _PERCENT for joint in arm)
-        for joint in grippers:
-            self._joints[joint] = replace(self._joints[joint], unit="percent")
+        peak = max((float(np.abs(values[j]).max(initial=0.0)) for j in arm), default=0.0)
+        share = lerobot and peak <= _PERCENT
         if lerobot and share == (absolute or centred):
-            raise self._doubt(kinds, max(float(np.abs(values[j]).max()) for j in arm))
+            raise self._doubt(kinds, peak)
         if share:
             return "m100"
         if absolute or (lerobot and centred):
@@ -131,6 +131,13 @@ class _Units:
             "degrees were taken to count from the middle of each joint's range, as LeRobot "
             "calibrates them"
         )
+
+    def _with_grippers(self, signals: Mapping[str, SignalMap]) -> None:
+        """Has grippers count from 0 to 100, as LeRobot has them beside degrees and per cent."""
+        if any(signals[k].unit in ("deg", "m100") for k in signals if k.startswith("position")):
+            for name, joint in self._joints.items():
+                if _is_gripper(joint):
+                    self._joints[name] = replace(joint, unit="percent")
 
     def _with_ranges(self, signals: Mapping[str, SignalMap]) -> None:
         """Fills in the ranges that positions are parts of."""
@@ -218,3 +225,7 @@ class _Units:
             f'which into a map, below a line [signals.{kinds[0]}], unit = "deg" or unit = "m100", '
             "and give it with --map."
         )
+
+
+def _is_gripper(joint: JointMap) -> bool:
+    return "gripper" in joint.log.lower()

@@ -26,7 +26,7 @@ _TARGETS = _words(
 )
 _KINDS = {
     "position": _words("q pos position positions qpos angle angles theta"),
-    "velocity": _words("dq qd vel velocity velocities qvel speed qdot dof_vel"),
+    "velocity": _words("dq qd vel velocity velocities qvel speed qdot"),
     "effort": _words("tau torque torques effort efforts trq force"),
 }
 _OTHER = _words(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -248,3 +249,43 @@ def test_all_episodes_of_a_data_set_tell_its_unit(tmp_path: Path, log: Recording
     (chosen,) = read(path, "episodes = [1]\n[signals.position]\nunit = 'deg'").recordings
     assert chosen.name == second.name
     refused(path, "no episode 7", "It has 0 to 1", text="episodes = [7]")
+
+
+def many(path: Path, names: Iterable[str]) -> Path:
+    """An arm of many joints."""
+    joints = "".join(f'<body><joint name="{n}"/><geom size="0.1"/></body>' for n in names)
+    servos = "".join(f'<position joint="{n}" kp="1"/>' for n in names)
+    path.write_text(
+        f"<mujoco><worldbody>{joints}</worldbody><actuator>{servos}</actuator></mujoco>"
+    )
+    return path
+
+
+def test_more_than_ten_places_are_in_their_order(tmp_path: Path) -> None:
+    """Positions have names, commands have places, and the tenth is not the second."""
+    names = "abcdefghijkl"
+    model = many(tmp_path / "many.xml", names)
+    rows = [
+        {"time": 0.01 * k, "cmd": [float(n) for n in range(12)]}
+        | {name: {"q": 0.1 * np.sin(k)} for name in names}
+        for k in range(50)
+    ]
+    path = tmp_path / "log.jsonl"
+    path.write_text("\n".join(map(json.dumps, rows)))
+    imported = import_log(path, load_robot(model))
+    assert imported.map.signals["position_target"].order == tuple(names)
+    (recording,) = imported.recordings
+    for place, name in enumerate(names):
+        assert np.all(recording.columns[f"{name}/position_target"] == place)
+
+
+def test_a_gripper_is_in_per_cent_of_its_own(tmp_path: Path, log: Recording) -> None:
+    """Whatever the unit of the arm is; the model's calf is the gripper here."""
+    path = writers.lerobot(lambda angles: 50 + 0 * angles)(log, tmp_path)
+    info = path / "meta" / "info.json"
+    info.write_text(info.read_text().replace('"calf"', '"gripper_calf"'))
+    for unit, thigh in (("deg", np.deg2rad(50)), ("m100", -1.0 + 0.75 * 3.6)):
+        imported = read(path, f'[signals.position]\nunit = "{unit}"')
+        (recording,) = imported.recordings
+        np.testing.assert_allclose(recording.columns["thigh/position"], thigh)
+        np.testing.assert_allclose(recording.columns["calf/position"], -1.55)
