@@ -110,6 +110,12 @@ def is_by_place(pattern: Pattern, matched: Mapping[str, str]) -> bool:
 
 def _split(name: str, marks: Sequence[re.Pattern[str]]) -> tuple[str, str, str]:
     """What is before, in and behind the part of a name that says which joint it is."""
+    listed = _BRACKET.match(name)
+    if listed and not listed[2].isdigit():  # a name in a list is the joint's, but for its signal
+        joint, dot, signal = listed[2].rpartition(".")
+        if dot and signal_of(signal):
+            return listed[1], joint, f".{signal}{listed[3]}"
+        return listed[1], listed[2], listed[3]
     for mark in marks:
         hits = list(mark.finditer(name))
         if hits:
