@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
 import typer
 
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.ingest.commands import app as ingest_commands
+from walkerkit.gap.own_robot.commands import app as own_robot_commands
 
 if TYPE_CHECKING:
     from walkerkit.gap.search.fit import Progress
@@ -30,6 +32,8 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.add_typer(ingest_commands)
+app.add_typer(own_robot_commands)
 _OUR_FAILURE = 1
 _INTERRUPTED, _CLOSED_PIPE = 130, 141  # as of processes that the signals end
 _MOST_TOLD = 200  # characters of an error that is ours; the file has them all
@@ -41,7 +45,8 @@ Model = Annotated[
     typer.Argument(help="MJCF file, package.module:callable, or a manifest experiments.toml."),
 ]
 Recordings = Annotated[
-    list[Path] | None, typer.Argument(help="CSV, Parquet or NPZ recordings of the robot.")
+    list[Path] | None,
+    typer.Argument(help="CSV, Parquet or NPZ recordings of the robot, or logs as for `import`."),
 ]
 HeldOut = Annotated[
     list[Path] | None,
@@ -53,6 +58,10 @@ Skip = Annotated[
         metavar="[FILE=]START:STOP",
         help="Leave out a span of a recording, in seconds. May be given several times.",
     ),
+]
+Map = Annotated[
+    Path | None,
+    typer.Option("--map", help="How logs of other formats are read, as `import` writes it."),
 ]
 Window = Annotated[
     float,
@@ -145,6 +154,7 @@ def compare(
     recordings: Recordings = None,
     held_out: HeldOut = None,
     skip: Skip = None,
+    column_map: Map = None,
     window: Window = 0.5,
     threads: Threads = 0,
     allow_code: AllowCode = False,
@@ -161,6 +171,7 @@ def compare(
             recordings or (),
             held_out=held_out or (),
             skip=skip or (),
+            column_map=column_map,
             window=window,
             n_threads=threads,
             allow_code=allow_code,
@@ -175,6 +186,7 @@ def diagnose(
     recordings: Recordings = None,
     held_out: HeldOut = None,
     skip: Skip = None,
+    column_map: Map = None,
     out: Out = Path("walkerkit-diagnosis"),
     window: Window = 0.5,
     effect: Effects = None,
@@ -202,6 +214,7 @@ def diagnose(
             recordings or (),
             held_out=held_out or (),
             skip=skip or (),
+            column_map=column_map,
             window=window,
             effects=effect,
             n_threads=threads,

@@ -57,6 +57,7 @@ def load(
     *,
     held_out: OneOrMore = (),
     skip: Sequence[str] = (),
+    column_map: str | Path | None = None,
     window: float = WINDOW,
     hold: Hold | None = None,
     n_threads: int = 0,
@@ -70,6 +71,7 @@ def load(
         recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see; by default some are chosen.
         skip: spans of time that are left out, as for `diagnose`.
+        column_map: as for `diagnose`.
         window: seconds after which replays restart where joints are driven by effort.
         hold: what the targets are between their samples: `zero_order`, `linear` or `next`; by
             default what the model's `actuators.json` says, else they are held (`zero_order`).
@@ -89,7 +91,13 @@ def load(
     if hold is not None and hold not in get_args(Hold):
         raise InputError(f"hold is {hold!r}; give one of {', '.join(map(repr, get_args(Hold)))}.")
     experiments = load_experiments(
-        model, recordings, held_out=held_out, skip=skip, allow_code=allow_code
+        model,
+        recordings,
+        held_out=held_out,
+        skip=skip,
+        column_map=column_map,
+        allow_code=allow_code,
+        allow_outside=allow_outside,
     )
     setup = prepare(experiments, window=window, n_threads=n_threads, allow_outside=allow_outside)
     known = next((robot.hold for robot in setup.robots if robot.hold is not None), None)

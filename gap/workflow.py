@@ -129,6 +129,7 @@ def diagnose(
     *,
     held_out: OneOrMore = (),
     skip: Sequence[str] = (),
+    column_map: str | Path | None = None,
     window: float = WINDOW,
     effects: OneOrMoreEffects | None = None,
     n_threads: int = 0,
@@ -146,6 +147,8 @@ def diagnose(
         recordings: files or recordings of that model, or one; none with a manifest.
         held_out: which of them no fit may see.
         skip: spans of time that are left out, as "walk.csv=8.0:8.6", or "8.0:8.6" of the only one.
+        column_map: file of a column map (`walkerkit.gap.ingest`), by which all files are read;
+            without one, logs of other formats are read as their names and the model say.
         window: seconds after which replays restart where joints are driven by effort or the
             base floats.
         effects: the effects to consider, or one: names, or effects of your own; all by default, to
@@ -170,7 +173,13 @@ def diagnose(
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
             load_experiments(
-                model, recordings, held_out=held_out, skip=skip, allow_code=allow_code
+                model,
+                recordings,
+                held_out=held_out,
+                skip=skip,
+                column_map=column_map,
+                allow_code=allow_code,
+                allow_outside=allow_outside,
             ),
             window=window,
             n_threads=n_threads,
@@ -222,6 +231,7 @@ def compare(
     *,
     held_out: OneOrMore = (),
     skip: Sequence[str] = (),
+    column_map: str | Path | None = None,
     window: float = WINDOW,
     n_threads: int = 0,
     allow_code: bool = False,
@@ -234,6 +244,7 @@ def compare(
         recordings: as for `diagnose`.
         held_out: as for `diagnose`.
         skip: as for `diagnose`.
+        column_map: as for `diagnose`.
         window: as for `diagnose`.
         n_threads: as for `diagnose`.
         allow_code: as for `diagnose`.
@@ -249,7 +260,13 @@ def compare(
     with counted_warnings() as warned, without_warnings():
         setup = prepare(
             load_experiments(
-                model, recordings, held_out=held_out, skip=skip, allow_code=allow_code
+                model,
+                recordings,
+                held_out=held_out,
+                skip=skip,
+                column_map=column_map,
+                allow_code=allow_code,
+                allow_outside=allow_outside,
             ),
             window=window,
             n_threads=n_threads,

@@ -102,6 +102,7 @@ def input_key(job: Job) -> str:
             member.recordings,
             held_out=member.held_out,
             allow_code=job.allow_code,
+            allow_outside=job.allow_outside,
         ),
         window=job.window,
         n_threads=job.n_threads,

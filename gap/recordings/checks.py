@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.recordings.manifest import Experiment
 from walkerkit.gap.recordings.recording import Recording
+
+if TYPE_CHECKING:  # reading a log checks its units, and a manifest reads logs
+    from walkerkit.gap.recordings.manifest import Experiment
 
 _FEWEST_SAMPLES = 20  # of a recording
 _FEWEST_IN_WINDOW = 8

@@ -62,7 +62,9 @@ class Dialect:
                 f"{path}: it has no rows of data. Check what recorded it, or leave it out."
             )
         header, *rows = (line for _, line in lines)
-        delimiter = next((d for d in _DELIMITERS if "time" in _cells(header, d)), ",")
+        # Logs of others call their time otherwise.
+        most = max(_DELIMITERS, key=lambda d: len(_cells(header, d)))
+        delimiter = next((d for d in _DELIMITERS if "time" in _cells(header, d)), most)
         cells = [cell for row in rows for cell in _cells(row, delimiter)]
         commas = any(_WITH_COMMA.fullmatch(cell) for cell in cells)
         points = any(_WITH_POINT.fullmatch(cell) for cell in cells)

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-from walkerkit.gap.errors import refusal
+from walkerkit.gap.errors import closest, refusal
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.spans import Skip, spans_of
 
@@ -42,6 +42,12 @@ def model_name(model: str | Path) -> str:
     if isinstance(model, str | os.PathLike):
         return str(model)
     raise refusal(f"the model is {_kind(model)}. {_remedy(model)}. {_A_MODEL}.")
+
+
+def is_callable(source: str) -> bool:
+    """Whether a model is named by `package.module:callable`, not by a file."""
+    head, separator, tail = source.rpartition(":")
+    return bool(separator) and tail.isidentifier() and "/" not in head and "\\" not in head
 
 
 def listed(items: OneOrMore) -> list[Named]:
@@ -75,6 +81,16 @@ def recording_of(item: object, skips: Sequence[Skip] = ()) -> Recording:
         'gap.Recording(name="log", time=..., columns={"knee/position": ..., '
         '"knee/position_target": ...}).'
     )
+
+
+def check_keys(label: str, table: Iterable[str], valid: Sequence[str]) -> None:
+    """Raises InputError, which begins with the label, where a table has another key."""
+    for key in table:
+        if key not in valid:
+            raise refusal(
+                f"{label}: unknown key {key!r}{closest(key, valid)}. "
+                f"The keys are {', '.join(valid)}."
+            )
 
 
 def _is_frame(item: object) -> bool:

@@ -5,9 +5,10 @@ experiments = load_experiments("leg.xml", ["walk.csv", "squat.csv"], held_out=["
 
     [[experiment]]
     model = "kp400.xml"                     # or "package.module:callable", where that is allowed
-    recordings = ["sin.csv", "step.csv"]
+    recordings = ["sin.csv", "step.csv"]    # or logs of any format that `walkerkit import` reads
     held_out = ["chirp.csv"]                # optional, and none of the files above
     skip = ["sin.csv=8.0:8.6"]              # optional, spans of time that are left out
+    map = "map.toml"                        # optional: how logs of other formats are read
 
 Files are relative to the manifest's folder. An experiment may be held out as a whole: it then has
 `held_out` alone. Recordings get names that are unique over all experiments.
@@ -18,18 +19,29 @@ from __future__ import annotations
 import itertools
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from walkerkit.gap.errors import closest, refusal
+from walkerkit.gap.ingest.column_map import ColumnMap
+from walkerkit.gap.ingest.importing import import_log
+from walkerkit.gap.ingest.reading import is_foreign
 from walkerkit.gap.recordings.files import check_file, is_recording
-from walkerkit.gap.recordings.given import OneOrMore, listed, model_name, recording_of
+from walkerkit.gap.recordings.given import (
+    OneOrMore,
+    check_keys,
+    is_callable,
+    listed,
+    model_name,
+    recording_of,
+)
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.spans import Skip, check_skips, spans_of
+from walkerkit.gap.simulation.robot import Robot, load_robot
 
-_KEYS = ("model", "recordings", "held_out", "skip")
+_KEYS = ("model", "recordings", "held_out", "skip", "map")
 _COMMANDS = {"experiment": "diagnose", "robot": "diagnose-fleet"}  # by what a file lists
 
 
@@ -65,12 +77,15 @@ class Experiment:
             )
 
 
-def load_manifest(path: str | Path, *, allow_code: bool = False) -> tuple[Experiment, ...]:
+def load_manifest(
+    path: str | Path, *, allow_code: bool = False, allow_outside: bool = False
+) -> tuple[Experiment, ...]:
     """Loads the experiments that a manifest lists.
 
     Args:
         path: a TOML file, as in this module's docstring.
         allow_code: a model may be `package.module:callable`, which runs what is there.
+        allow_outside: a model's meshes and included files may lie outside of its folder.
 
     Returns:
         The experiments, in the file's order.
@@ -81,7 +96,10 @@ def load_manifest(path: str | Path, *, allow_code: bool = False) -> tuple[Experi
     path = Path(path)
     tables = read_tables(path, "experiment")
     return _named(
-        [_experiment(path, number, table, allow_code) for number, table in enumerate(tables, 1)],
+        [
+            _experiment(path, number, table, allow_code, allow_outside)
+            for number, table in enumerate(tables, 1)
+        ],
         path,
     )
 
@@ -112,16 +130,6 @@ def read_tables(path: Path, kind: str) -> list[dict[str, Any]]:
             "brackets."
         )
     return tables
-
-
-def check_keys(label: str, table: Iterable[str], valid: Sequence[str]) -> None:
-    """Raises InputError, which begins with the label, where a table has another key."""
-    for key in table:
-        if key not in valid:
-            raise refusal(
-                f"{label}: unknown key {key!r}{closest(key, valid)}. "
-                f"The keys are {', '.join(valid)}."
-            )
 
 
 def check_code(label: str, model: str, allow_code: bool) -> None:
@@ -155,7 +163,9 @@ def load_experiments(
     held_out: OneOrMore = (),
     *,
     skip: Sequence[str] = (),
+    column_map: str | Path | None = None,
     allow_code: bool = False,
+    allow_outside: bool = False,
 ) -> tuple[Experiment, ...]:
     """Loads what the command line names: a model and its recordings, or a manifest alone.
 
@@ -165,6 +175,9 @@ def load_experiments(
         held_out: which of them are held out, by name, file or recording; files and recordings that
             are not among `recordings` are added.
         skip: spans that are left out, as `walkerkit.gap.recordings.spans` reads them.
+        column_map: file of a column map (`walkerkit.gap.ingest`), by which all files are read;
+            without one, logs of other formats are read as their names and the model say.
+        allow_outside: as for `load_manifest`.
         allow_code: as for `load_manifest`; a callable that is named here itself is always allowed.
 
     Returns:
@@ -188,25 +201,61 @@ def load_experiments(
                 f"{path}: a manifest lists its recordings itself, but {_title(extra)} is given "
                 "beside it. Leave one of the two out."
             )
-        return load_manifest(path, allow_code=allow_code)
+        if column_map is not None:
+            raise refusal(
+                f"{path}: a manifest names its maps itself. Write map = {str(column_map)!r} below "
+                "the [[experiment]] instead."
+            )
+        return load_manifest(path, allow_code=allow_code, allow_outside=allow_outside)
     _check_model(source)
     if not recordings and not held_out:
         raise refusal(f"{source}: no recording is given. Name at least one after the model.")
     skips = [Skip.of(text) for text in ([skip] if isinstance(skip, str) else skip)]
+    load = _Loader(source, column_map, allow_outside, skips)
     names = [_title(item) for item in recordings]
     added = [_title(item) for item in held_out if not _among(item, names)]
     check_skips(skips, [*names, *added])
-    given = [recording_of(item, skips) for item in recordings]
-    held = [_find(item, given, known=recordings) or recording_of(item, skips) for item in held_out]
+    loaded = [(recording, item) for item in recordings for recording in load(item)]
+    given, known = ([one[k] for one in loaded] for k in (0, 1))
+    held = []
+    for item in held_out:
+        found = _find(item, given, known)
+        held += [found] if found is not None else load(item)
     return _named(
         [_Draft(model=source, fitted=[r for r in given if r not in held], held_out=held)], path
     )
 
 
-def is_callable(source: str) -> bool:
-    """Whether a model is named by `package.module:callable`, not by a file."""
-    head, separator, tail = source.rpartition(":")
-    return bool(separator) and tail.isidentifier() and "/" not in head and "\\" not in head
+class _Loader:
+    """Loads recordings of one model, and logs of other formats.
+
+    Args:
+        model: path or `package.module:callable`.
+        column_map: by which files are read, or None.
+        allow_outside: as for `load_manifest`.
+        skips: spans that are left out.
+    """
+
+    def __init__(
+        self,
+        model: str,
+        column_map: str | Path | None,
+        allow_outside: bool,
+        skips: Sequence[Skip] = (),
+    ):
+        self._model, self._allow_outside, self._skips = model, allow_outside, skips
+        self._map = None if column_map is None else ColumnMap.load(column_map)
+        self._robot: Robot | None = None
+
+    def __call__(self, item: object) -> list[Recording]:
+        file = isinstance(item, str | Path)
+        if not file or not (self._map is not None or is_foreign(Path(str(item)))):
+            return [recording_of(item, self._skips)]
+        if self._robot is None:
+            self._robot = load_robot(self._model, allow_outside=self._allow_outside)
+        imported = import_log(Path(str(item)), self._robot, self._map).recordings
+        spans = spans_of(str(item), self._skips)
+        return [one.without(*spans) if spans else one for one in imported]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,7 +267,9 @@ class _Draft:
     held_out: list[Recording]
 
 
-def _experiment(path: Path, number: int, table: Mapping[str, Any], allow_code: bool) -> _Draft:
+def _experiment(
+    path: Path, number: int, table: Mapping[str, Any], allow_code: bool, allow_outside: bool
+) -> _Draft:
     label = f"{path}: experiment {number}"
     check_keys(label, table, _KEYS)
     model = table.get("model")
@@ -237,16 +288,16 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any], allow_code: b
     if not is_callable(model):
         model = str(path.parent / model)
     _check_model(model)
-    return _Draft(
-        model=model,
-        **{
-            half: [
-                Recording.load(path.parent / file, skip=spans_of(file, skips))
-                for file in files[key]
-            ]
-            for half, key in (("fitted", "recordings"), ("held_out", "held_out"))
-        },
+    column_map = table.get("map")
+    if column_map is not None and not (isinstance(column_map, str) and column_map):
+        raise refusal(f'{label} has map = {column_map!r}. Write map = "map.toml".')
+    map_file = None if column_map is None else path.parent / column_map
+    load = _Loader(model, map_file, allow_outside, skips)
+    fitted, held_out = (
+        [recording for file in files[key] for recording in load(path.parent / file)]
+        for key in ("recordings", "held_out")
     )
+    return _Draft(model=model, fitted=fitted, held_out=held_out)
 
 
 def _named(drafts: Sequence[_Draft], source: Path) -> tuple[Experiment, ...]:

@@ -77,6 +77,7 @@ class Recording:
         part_of: the recording that this was cut from; it knows the commands before.
         file_rows: (T,) which row of the file each is, counted from 0, where some were left out.
         skipped: from when to when it was left out [s]; nothing goes on across that.
+        imported: its rows are not those of the source, of which they were made.
 
     Raises:
         InputError: the data break the contract of this module.
@@ -92,6 +93,7 @@ class Recording:
     part_of: Recording | None = None
     file_rows: npt.NDArray[np.intp] | None = None
     skipped: Spans = ()
+    imported: bool = False
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -255,7 +257,7 @@ class Recording:
             _check_header(path, names)
             return ["time", *_used(names)]
 
-        columns, remarks = read(path, choose)
+        columns, notes = read(path, choose)
         unused = tuple(name for name in names if name != "time" and name not in columns)
         columns = {name: _without_none(values) for name, values in columns.items()}
         numeric = all(values.dtype.kind in "iuf" for values in columns.values())
@@ -277,7 +279,7 @@ class Recording:
             file_rows=rows,
             skipped=tuple(skip),
         )
-        return replace(recording, notes=(*remarks, *held, *_notes(recording)))
+        return replace(recording, notes=(*notes, *held, *remarks(recording)))
 
     def save(self, path: str | Path) -> None:
         """Writes the recording so that `load` gives the same numbers.
@@ -297,7 +299,8 @@ class Recording:
 
     def row(self, row: int) -> str:
         """Where one of its rows, counted from 0, is in the file: its number, and its line."""
-        return describe_row(self.source, row if self.file_rows is None else self.file_rows[row])
+        source = None if self.imported else self.source
+        return describe_row(source, row if self.file_rows is None else self.file_rows[row])
 
     def _check_names(self) -> None:
         joints = {joint for joint, signal in map(_split, self.columns) if signal == "position"}
@@ -478,7 +481,8 @@ def _left_out(spans: Spans) -> Iterator[str]:
         yield f"{'its beginning' if np.isinf(start) else first} to {last} s was skipped, as asked"
 
 
-def _notes(recording: Recording) -> Iterator[str]:
+def remarks(recording: Recording) -> Iterator[str]:
+    """What a user should know about a log that can be used: its sampling, its joints."""
     steps = np.diff(recording.time)[~recording.starts_anew] * 1e3
     if not steps.size:
         return

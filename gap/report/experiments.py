@@ -72,9 +72,11 @@ def _files(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _file(recording: Recording) -> str | None:
-    """What can be read again; nothing of what is a bag, or was never a file."""
+    """What can be read again; nothing of what was imported, or was never a file."""
     source = recording.source
-    return str(source.resolve()) if source is not None and is_recording(source) else None
+    if source is None or recording.imported or not is_recording(source):
+        return None
+    return str(source.resolve())
 
 
 def _source(robot: Robot) -> str:

@@ -19,8 +19,7 @@ import mujoco
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
 from walkerkit.actuators.play import play_joint
 from walkerkit.gap.errors import InputError, closest, one_line, some
-from walkerkit.gap.recordings.given import model_name
-from walkerkit.gap.recordings.manifest import is_callable
+from walkerkit.gap.recordings.given import is_callable, model_name
 from walkerkit.gap.simulation import dry_friction
 from walkerkit.gap.simulation.base import Base, find_base
 from walkerkit.gap.simulation.ground import Ground, add_floor
