@@ -216,7 +216,7 @@ def load_experiments(
     added = [_title(item) for item in held_out if not _among(item, names)]
     check_skips(skips, [*names, *added])
     loaded = [(recording, item) for item in recordings for recording in load(item)]
-    given, known = ([one[k] for one in loaded] for k in (0, 1))
+    given, known = [one for one, _ in loaded], [item for _, item in loaded]
     held = []
     for item in held_out:
         found = _find(item, given, known)

@@ -140,7 +140,8 @@ def _runs_in_python(actuator: Any, robot: Robot) -> bool:
 def _late(actuator: DelayedActuator, step: float) -> dict[TargetKind, float]:
     """How old its targets are on average [s]."""
     lag = 0.5 * (actuator.cfg.delay_min_lag + actuator.cfg.delay_max_lag)
-    return {kind: lag * step for kind in _KINDS if kind in actuator.cfg.delay_target}
+    late = actuator.cfg.words(actuator.takes)
+    return {kind: lag * step for kind in _KINDS if kind in late}
 
 
 def _of_lags(actuator: DelayedActuator, names: Sequence[str]) -> list[str]:
