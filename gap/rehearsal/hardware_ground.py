@@ -40,6 +40,8 @@ class Soil:
 
     Attributes:
         any: whether there are feet at all.
+        names: of the feet's geoms.
+        carried: what the ground pushed up each foot with in the last step, shape (n_sims, n_feet).
     """
 
     def __init__(
@@ -58,6 +60,8 @@ class Soil:
         """
         plane, feet = _feet(model)
         self.any = bool(feet)
+        self.names = tuple(model.geom(foot).name or f"foot_{k}" for k, foot in enumerate(feet))
+        self.carried = np.zeros((n_sims, len(feet)))
         mine = [effect for effect in hidden if effect.effect in _EFFECTS]
         if mine and not self.any:
             raise InputError(
@@ -121,6 +125,7 @@ class Soil:
             np.where(slips[..., None], -(force + drag * velocity[..., :2]) / along, stretch),
             0.0,
         )
+        self.carried = normal
         pushed = np.concatenate([force, normal[..., None]], axis=-1)
         applied = batch.bind("xfrc_applied")
         lever = point - batch.bind("xipos")[:, self._bodies]

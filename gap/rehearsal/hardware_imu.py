@@ -82,6 +82,13 @@ def felt(states: Array, *, step: float, stride: int, gravity: Array = GRAVITY) -
     return averaged
 
 
+def contacts(loads: Array, *, step: float) -> Array:
+    """What foot sensors say, late: 1 where a foot is loaded, shape as `loads` (n_steps, …) in N."""
+    late = round(CONTACT_DELAY / step)
+    said: Array = (loads > LOADED).astype(np.float64)
+    return np.concatenate([np.repeat(said[:1], late, axis=0), said[: len(said) - late]])
+
+
 def imu_readings(rows: Array, unit: Imu, rate: float, rng: np.random.Generator) -> dict[str, Array]:
     """Columns of a log.
 
