@@ -78,7 +78,9 @@ def felt(states: Array, *, step: float, stride: int, gravity: Array = GRAVITY) -
     pushed = np.einsum("tsji,tsj->tsi", to_world, changes - gravity)
     both = np.concatenate([states[..., 10:13], pushed], axis=-1)
     # A filter that looks as far back as a row is long, and no further.
-    averaged: Array = uniform_filter1d(both, stride, axis=0, origin=(stride - 1) // 2, mode="nearest")
+    averaged: Array = uniform_filter1d(
+        both, stride, axis=0, origin=(stride - 1) // 2, mode="nearest"
+    )
     return averaged
 
 

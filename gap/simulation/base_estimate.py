@@ -19,22 +19,21 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from walkerkit.gap.recordings.base import ANGULAR, LINEAR, ORIENTATIONS, POSITION
-from walkerkit.gap.recordings.imu import ACCELERATION, GYRO, IMU_QUATERNION
-from walkerkit.gap.recordings.recording import IMU, QUATERNION, Recording
+from walkerkit.gap.recordings.base import ANGULAR, LINEAR, ORIENTATIONS, POSITION, missing
+from walkerkit.gap.recordings.imu import ACCELERATION, GYRO, IMU_QUATERNION, has_imu
+from walkerkit.gap.recordings.recording import QUATERNION, Recording
 from walkerkit.gap.recordings.smooth import Smoothed as SmoothedSignals
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.base import Base
 from walkerkit.gap.simulation.base_filter import (
     ACC_BIAS,
     GYRO_BIAS,
-    P,
     THETA,
     Motion,
+    P,
     Settings,
     Smoothed,
     Stances,
@@ -44,7 +43,7 @@ from walkerkit.gap.simulation.base_filter import (
 from walkerkit.gap.simulation.feet import Foot, Legs, find_feet
 from walkerkit.gap.simulation.ground import Ground
 from walkerkit.gap.simulation.robot import Robot
-from walkerkit.gap.simulation.stance import Source, logged_names, standing
+from walkerkit.gap.simulation.stance import Source, standing
 from walkerkit.gap.simulation.start import rest
 
 FloatArray = NDArray[np.float64]
@@ -93,6 +92,21 @@ class _Sensed:
     acceleration_noise: float
 
 
+def with_known_base(robot: Robot, recording: Recording, *, again: bool = False) -> Recording:
+    """A recording whose base is known: as it is, or estimated where nobody measured its pose.
+
+    Args:
+        robot: the robot.
+        recording: a log that suits it.
+        again: what was estimated once is estimated anew.
+    """
+    if robot.base is None or not has_imu(recording):
+        return recording
+    if not missing(recording) and not (again and recording.errors):
+        return recording
+    return with_estimated_base(robot, recording)
+
+
 def with_estimated_base(robot: Robot, recording: Recording) -> Recording:
     """A recording with the base's pose and velocity as they are estimated.
 
@@ -101,8 +115,7 @@ def with_estimated_base(robot: Robot, recording: Recording) -> Recording:
         recording: a log with an inertial unit (`recordings.imu.has_imu`).
 
     Returns:
-        The recording with the base's columns, their standard deviations in `errors`, and a note;
-        what it was estimated from is no longer in it.
+        The recording with the base's columns, their standard deviations in `errors`, and a note.
     """
     base = robot.base
     if base is None:
@@ -115,7 +128,7 @@ def with_estimated_base(robot: Robot, recording: Recording) -> Recording:
     errors[[joint.dof for joint in joints]] = np.median(state.errors_at(sensed.time)[1], axis=0)
     legs = Legs(robot.model, base, feet, *sensed.states[:2], errors)
     smoothed, source = _estimated(robot, base, sensed, feet, legs)
-    return _told(recording, sensed, smoothed, feet, source, robot.model.opt.gravity)
+    return _told(recording, sensed, smoothed, source, robot.model.opt.gravity)
 
 
 def _sensed(robot: Robot, base: Base, recording: Recording) -> _Sensed:
@@ -257,15 +270,13 @@ def _settings(robot: Robot, sensed: _Sensed, stride: int) -> tuple[Settings, flo
     return settings, level
 
 
-def _motion(
-    sensed: _Sensed, knots: NDArray[np.intp], settings: Settings, level: float
-) -> Motion:
+def _motion(sensed: _Sensed, knots: NDArray[np.intp], settings: Settings, level: float) -> Motion:
     """What the filter takes of the unit alone, feet left out."""
     stride = int(knots[1] - knots[0])
     dt = stride * sensed.step
 
     def means(signals: FloatArray) -> FloatArray:
-        area = cumulative_trapezoid(signals, dx=sensed.step, axis=0, initial=0.0)
+        area = _integral(signals, sensed.step)
         found: FloatArray = np.diff(area[knots], axis=0) / dt
         return found
 
@@ -372,6 +383,13 @@ def _memory(left: FloatArray, stands: NDArray[np.bool_], step: float) -> float:
     return total
 
 
+def _integral(signals: FloatArray, step: float) -> FloatArray:
+    """Since the beginning, of (T, k) samples that are `step` apart."""
+    found = np.zeros_like(signals)
+    np.cumsum(0.5 * step * (signals[1:] + signals[:-1]), axis=0, out=found[1:])
+    return found
+
+
 def _between(
     sensed: _Sensed, knots: NDArray[np.intp], smoothed: Smoothed, gravity: FloatArray
 ) -> tuple[Rotation, FloatArray]:
@@ -390,7 +408,7 @@ def _between(
     off = Rotation.from_matrix(smoothed.rotation @ felt[knots].transpose(0, 2, 1)).as_rotvec()
     rotation = Rotation.from_rotvec(interpolated(off)) * Rotation.from_matrix(felt)
     pushed = rotation.apply(sensed.pushing - interpolated(smoothed.of(ACC_BIAS))) + gravity
-    speed = cumulative_trapezoid(pushed, dx=sensed.step, axis=0, initial=0.0)
+    speed = _integral(pushed, sensed.step)
     return rotation, speed + interpolated(smoothed.of(V) - speed[knots])
 
 
@@ -398,7 +416,6 @@ def _told(
     recording: Recording,
     sensed: _Sensed,
     smoothed: Smoothed,
-    feet: Sequence[Foot],
     source: Source,
     gravity: FloatArray,
 ) -> Recording:
@@ -440,18 +457,18 @@ def _told(
         names: at(np.sqrt(np.maximum(one.diagonal(axis1=1, axis2=2), 0.0)))
         for names, one in covariances.items()
     }
-    used = {*IMU, *logged_names(recording, feet).values()}
-    columns = {name: v for name, v in recording.columns.items() if name not in used}
+    columns = dict(recording.columns)
     for names, column in values.items():
         columns |= dict(zip(names, column.T, strict=True))
     return replace(
         recording,
         columns=columns,
         errors={n: v for names, std in stds.items() for n, v in zip(names, std.T, strict=True)},
-        notes=(*recording.notes, _note(stds, source)),
+        notes=(*(n for n in recording.notes if not n.startswith(_NOBODY)), _note(stds, source)),
     )
 
 
+_NOBODY = "nobody measured the base's pose"
 _SOURCES: dict[Source, str] = {
     "logged": "the logged contacts",
     "efforts": "contacts by the joints' efforts",
@@ -461,10 +478,12 @@ _SOURCES: dict[Source, str] = {
 
 def _note(stds: dict[tuple[str, ...], FloatArray], source: Source) -> str:
     """What a user should know of the estimate."""
-    tilt = np.rad2deg(float(np.sqrt(np.mean(stds[tuple(f"base/{a}" for a in ORIENTATIONS)][:, :2] ** 2))))
+    tilt = np.rad2deg(
+        float(np.sqrt(np.mean(stds[tuple(f"base/{a}" for a in ORIENTATIONS)][:, :2] ** 2)))
+    )
     speed = float(np.sqrt(np.mean(stds[LINEAR] ** 2)))
     return (
-        "nobody measured the base's pose, so it is estimated from the inertial unit, the legs and "
+        f"{_NOBODY}, so it is estimated from the inertial unit, the legs and "
         f"{_SOURCES[source]}: its attitude to {tilt:.2g}° and its velocity to {speed:.2g} m/s. Of "
         "the base, attitude without heading and angular velocity are compared, and what the "
         "estimate may be wrong by is in their noise floors"

@@ -1,9 +1,9 @@
 """The feet of a robot that floats: what it stands on, where that is, and how it moves.
 
-    feet = find_feet(model, base)                 # (Foot(name="FL_foot", body=5, geoms=(9,)), ...)
-    legs = Legs(model, base, feet, qpos, qvel)    # along a log
-    point = legs.point(0, down)                   # (T, 3) the first foot's lowest, in the base's frame
-    legs.velocity(0, point)                       # (T, 3) of that point against the base
+    feet = find_feet(model, base)                   # (Foot(name="FL_foot", ...), ...)
+    legs = Legs(model, base, feet, qpos, qvel, errors)    # along a log
+    point = legs.point(0, down)                     # (T, 3) the first's lowest, in the base's frame
+    legs.velocity(0, point)                         # (T, 3) of that point against the base
 
 A foot is a rigid body that reaches as low as the lowest, in the model's first keyframe, with what
 of it can touch the ground. So a flat foot is one, whatever it is made of, and hands are none.
@@ -106,9 +106,7 @@ def _direction_of_gravity(model: mujoco.MjModel) -> FloatArray:
     return down
 
 
-def lowest(
-    model: mujoco.MjModel, data: mujoco.MjData, geom: int, down: FloatArray
-) -> FloatArray:
+def lowest(model: mujoco.MjModel, data: mujoco.MjData, geom: int, down: FloatArray) -> FloatArray:
     """The point of a geom that is furthest in a direction, (3,) in the world's frame [m]."""
     frame = data.geom_xmat[geom].reshape(1, 3, 3)
     point: FloatArray = _support(model, geom, data.geom_xpos[geom][None], frame, down[None])[0]
