@@ -171,8 +171,8 @@ def notes(
             "noise of that state makes of them is part of the noise floor."
         )
     yield from dict.fromkeys(note for robot in problem.robots for note in robot.notes)
-    for recording in seen.values():
-        yield from (f"{recording.name}: {note}" for note in recording.notes)
+    # Parts of a recording have its notes.
+    yield from dict.fromkeys(f"{r.whole.name}: {note}" for r in seen.values() for note in r.notes)
     unused = sorted({column for recording in seen.values() for column in recording.unused})
     if unused:
         yield f"Columns that nothing uses: {', '.join(unused)}."

@@ -37,6 +37,7 @@ class Foot:
         body: id of the body that moves; others may be welded to it.
         geoms: ids of what of it touches the ground first.
         reach: ids of all of it that can touch the ground.
+        distance: of its lowest point from the origin of the body that moves [m].
         names: by which a log may call it: bodies, geoms and sites of it, the end of its leg first.
     """
 
@@ -44,6 +45,7 @@ class Foot:
     body: int
     geoms: tuple[int, ...]
     reach: tuple[int, ...]
+    distance: float
     names: tuple[str, ...]
 
 
@@ -56,7 +58,9 @@ def find_feet(model: mujoco.MjModel, base: Base | None) -> tuple[Foot, ...]:
     """
     if base is None:
         return ()
-    own = Ground(model).moving
+    ground = Ground(model)
+    paired = np.concatenate([model.pair_geom1[ground.pairs], model.pair_geom2[ground.pairs]])
+    own = np.unique([*ground.moving, *paired]).astype(np.intp)
     own = own[model.body_rootid[model.geom_bodyid[own]] == base.id]
     if not own.size:
         return ()
@@ -81,6 +85,9 @@ def find_feet(model: mujoco.MjModel, base: Base | None) -> tuple[Foot, ...]:
                 body=body,
                 geoms=tuple(int(one) for one in sole),
                 reach=tuple(int(one) for one in reach),
+                distance=float(
+                    np.linalg.norm(lowest(model, data, int(sole[0]), -up) - data.xpos[body])
+                ),
                 names=_names(model, body),
             )
         )
@@ -97,6 +104,16 @@ def _names(model: mujoco.MjModel, body: int) -> tuple[str, ...]:
     ):
         found += [kind(k).name for k in range(number) if owner[k] in welded]
     return tuple(dict.fromkeys(name for name in found if name))
+
+
+def in_frame_of(model: mujoco.MjModel, body: int, shank: int) -> FloatArray:
+    """(3, 3) turns row vectors in the frame of a shank into those of a body welded to it."""
+    turned, one = np.eye(3), np.empty(9)
+    while body != shank:
+        mujoco.mju_quat2Mat(one, model.body_quat[body])
+        turned = one.reshape(3, 3) @ turned
+        body = int(model.body_parentid[body])
+    return turned
 
 
 def _direction_of_gravity(model: mujoco.MjModel) -> FloatArray:
