@@ -20,7 +20,7 @@ from scipy.ndimage import uniform_filter1d
 
 Array = NDArray[np.float64]
 
-GYRO_BIAS, ACCELERATION_BIAS = 0.01, 0.1  # rad/s, m/s²; of units after their own calibration
+GYRO_BIAS, ACCELERATION_BIAS = 0.01, 0.05  # rad/s, m/s²; of units that were calibrated at rest
 GRAVITY = np.array([0.0, 0.0, -9.81])
 CONTACT_DELAY = 0.008  # s
 LOADED = 5.0  # N

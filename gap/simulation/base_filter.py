@@ -36,7 +36,7 @@ _FIXED = 1e-8  # variance of what is chosen: heading [rad²], place [m²]
 _FIRST_TILT, _FIRST_SPEED, _FIRST_HEIGHT = 0.1, 0.5, 0.05  # rad, m/s, m
 _SPEED, _SPEED_LASTS = 0.7, 0.5  # m/s, s: how fast a legged robot is where no foot tells
 # From one step of a foot to its next: a leg that is longer than the model's is so at every step.
-_SAME_HEIGHT = 0.8
+_SAME_HEIGHT = 0.98
 _TILT_LASTS = 1.0  # s: how long an inertial unit's own attitude is off one way
 
 
