@@ -46,7 +46,7 @@ PACKAGES = ("gap", "actuators", "walkers", "tasks")
 JOINT = "calf"
 _SECONDS, _RATE, _MOST_SIZES = 3.0, 250.0, 3
 _SAME_MOTION = 0.3  # of the motion, which an effect may change for its picture
-_OF_THE_CONTACT = {"ground_friction", "ground_compliance"}
+_OF_THE_CONTACT = {"ground_friction", "ground_compliance", "foot_offset"}
 
 
 def on_files(files: Files, config: Any) -> Files:

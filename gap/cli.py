@@ -314,6 +314,12 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="Of the sizes, the motions, the noise.")] = 0,
     seconds: Annotated[float, typer.Option(help="Length of each experiment.")] = 10.0,
     out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("rehearsal"),
+    imu: Annotated[
+        bool,
+        typer.Option(
+            "--imu", help="Of a base that floats, an inertial unit's readings, not its pose."
+        ),
+    ] = False,
     overwrite: Overwrite = False,
     allow_outside: AllowOutside = False,
 ) -> None:
@@ -322,7 +328,7 @@ def simulate(
     Each actuator has to be a position servo, as positions are what is sent:
     a robot that takes efforts or speeds cannot be rehearsed.
     Any effect but timestep can be hidden, which is no robot's;
-    ground_friction and ground_compliance where a robot floats,
+    ground_friction, ground_compliance and foot_offset where a robot floats,
     with spheres for feet and a level plane.
     """
     from walkerkit.gap.effects import CATALOGUE
@@ -339,7 +345,9 @@ def simulate(
     check_folder(out)
     files = {name: f"{name}.csv" for name in EXPERIMENTS}
     check_free(out, files.values(), kind="rehearsal", overwrite=overwrite)
-    rehearsal = rehearse(model, hide, seed=seed, seconds=seconds, allow_outside=allow_outside)
+    rehearsal = rehearse(
+        model, hide, seed=seed, seconds=seconds, allow_outside=allow_outside, imu=imu
+    )
 
     def write(made: Path) -> None:
         for recording in rehearsal.recordings:

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware_drive import load_rig
-from walkerkit.gap.rehearsal.hardware_log import COUNTS, EFFORT_NOISE, POSITION_NOISE
 from walkerkit.gap.rehearsal.hardware_ground import feet_and_legs
+from walkerkit.gap.rehearsal.hardware_log import COUNTS, EFFORT_NOISE, POSITION_NOISE
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_sizes import ASKED, Usual, joint_sizes
 from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NAMELESS

@@ -65,6 +65,7 @@ def rehearse(
     seed: int = 0,
     seconds: float = SECONDS,
     allow_outside: bool = False,
+    imu: bool = False,
 ) -> Rehearsal:
     """Draws what to hide, and records the experiments.
 
@@ -76,6 +77,8 @@ def rehearse(
         seed: of the draw, the experiments and the noise.
         seconds: length of each experiment.
         allow_outside: the model's meshes and included files may lie outside of its folder.
+        imu: of a robot that floats, the recordings have what an inertial unit (with bias and noise)
+            and foot sensors read, in place of its pose.
 
     Returns:
         The recordings and what is hidden in them.
@@ -90,9 +93,14 @@ def rehearse(
             f"seconds is {seconds:g}; an experiment takes at least 1 s and at most {LONGEST:g} s."
         )
     rng = np.random.default_rng(seed)
-    floating = any(name in GROUND for name in names)
+    floating = imu or any(name in GROUND for name in names)
     robot = load_robot(model, floating=floating, allow_outside=allow_outside)
     _check_as_given(robot)
+    if imu and robot.base is None:
+        raise InputError(
+            f"{model}: it has no free joint, so that no inertial unit moves. Give a robot that "
+            "floats, or leave imu out."
+        )
     try:
         Drives(robot.model)
     except InputError as error:
@@ -109,8 +117,15 @@ def rehearse(
     for choice in choices:
         effect, recordings = draw_loud(robot.model, sent, rng, choice, nominal=nominal, seed=seed)
         hidden.append(effect)
-    if len(hidden) > 1:
-        recordings = run_hardware(robot.model, sent, seed=seed, hidden=hidden, names=EXPERIMENTS)
+    if len(hidden) > 1 or imu:
+        recordings = run_hardware(
+            robot.model,
+            sent,
+            seed=seed,
+            hidden=hidden,
+            names=EXPERIMENTS,
+            base="imu" if imu else "pose",
+        )
     return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
 
 

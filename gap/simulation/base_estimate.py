@@ -27,7 +27,7 @@ from walkerkit.gap.recordings.imu import ACCELERATION, GYRO, IMU_QUATERNION, has
 from walkerkit.gap.recordings.recording import QUATERNION, Recording
 from walkerkit.gap.recordings.smooth import Smoothed as SmoothedSignals
 from walkerkit.gap.recordings.state import MeasuredState
-from walkerkit.gap.simulation.base import Base
+from walkerkit.gap.simulation.base import Base, imu_mounting
 from walkerkit.gap.simulation.base_filter import (
     ACC_BIAS,
     GYRO_BIAS,
@@ -152,7 +152,7 @@ def _sensed(robot: Robot, base: Base, recording: Recording) -> _Sensed:
         )
 
     gravity = robot.model.opt.gravity
-    place, mounted = _mounting(robot.model, base)
+    place, mounted = imu_mounting(robot.model, base.id)
     own = even(IMU_QUATERNION)
     up = np.full((count, 3), np.nan)
     attitude = None
@@ -190,16 +190,6 @@ def _sensed(robot: Robot, base: Base, recording: Recording) -> _Sensed:
         gyro_noise=max(_white(gyro), _LEAST_GYRO),
         acceleration_noise=noise,
     )
-
-
-def _mounting(model: mujoco.MjModel, base: Base) -> tuple[FloatArray, FloatArray]:
-    """Where the unit is in the base's frame [m], and the rotation from its frame to the base's."""
-    for site in range(model.nsite):
-        if model.site(site).name == "imu" and model.site_bodyid[site] == base.id:
-            turned = np.empty(9)
-            mujoco.mju_quat2Mat(turned, model.site_quat[site])
-            return model.site_pos[site].copy(), turned.reshape(3, 3)
-    return np.zeros(3), np.eye(3)
 
 
 def _white(signals: FloatArray) -> float:

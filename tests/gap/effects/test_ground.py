@@ -101,24 +101,25 @@ class TestGroundCompliance(EffectContract):
 
 STAND = """
 <mujoco><compiler angle="{angle}"/><option timestep="0.002" integrator="implicitfast"/>
-<default><geom solref="0.01 1"/></default>
 <worldbody><geom name="floor" type="plane" size="0 0 1"/>
 <body name="table" pos="0 0 0.7"><freejoint name="root"/>
-  <geom type="box" size="0.4 0.3 0.02" mass="8" contype="0" conaffinity="0"/>
+  <geom type="box" size="0.4 0.3 0.02" mass="40" contype="0" conaffinity="0"/>
   <geom size="0.02" pos="-0.4 0.3 -0.68" mass="0.2"/>
   <geom size="0.02" pos="-0.4 -0.3 -0.68" mass="0.2"/>
   <geom size="0.02" pos="0.4 0 -0.68" mass="0.2"/>
-<body name="thigh" pos="0.1 0 0"><joint name="hip" axis="1 0 0" damping="0.2" armature="0.01" {hip}/>
+<body name="thigh"><joint name="hip" axis="1 0 0" damping="0.2" armature="0.01" {hip}/>
   <geom type="capsule" fromto="0 0 0 0.05 0 -0.3" size="0.03" mass="1"/>
   <body name="shank" pos="0 0 -0.3"><joint name="knee" axis="0 1 0" damping="0.1" {knee}/>
-    <geom type="capsule" fromto="0 0 0 0 0 -0.35" size="0.015" mass="0.5"/>{toe}</body></body></body>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.35" size="0.015" mass="0.5"/>{toe}
+  </body></body></body>
 </worldbody><contact>{contact}</contact><actuator>{actuators}</actuator></mujoco>
 """
-BALL = '<geom name="toe" size="0.02" pos="0 0 -0.4" mass="0.05"/>'
+SOFT = 'mass="0.05" priority="1" friction="0.1" solref="0.06 1"'
+BALL = f'<geom name="toe" size="0.02" pos="0 0 -0.42" {SOFT}/>'
 # Welded on askew, given by its ends, with a contact pair of its own.
-BAR = """<body name="ankle" pos="0 0 -0.4" euler="90 0 0"><geom name="toe" type="capsule" size="0.02"
- fromto="-0.01 0 0 0.02 0 0" mass="0.05"/></body>"""
-PAIR = '<pair geom1="toe" geom2="floor" solref="0.01 1"/>'
+BAR = f"""<body name="ankle" pos="0 0 -0.42" euler="90 0 0">
+<geom name="toe" type="capsule" size="0.02" fromto="-0.01 0 0 0.02 0 0" {SOFT}/></body>"""
+PAIR = '<pair geom1="toe" geom2="floor" friction="0.1 0.1 0.005 0.0001 0.0001" solref="0.06 1"/>'
 
 
 def stand_of(variant, toe, contact=""):
