@@ -91,7 +91,9 @@ def _row(what: str, each: list[Errors]) -> Row:
 
 def errors(robot: Robot, log: gap.Recording, contacts: bool) -> Errors:
     """What the estimate from a log's unit errs by, held to the pose in the same log."""
-    hidden = {name for name in log.columns if name in BASE or (name.endswith("/contact") > contacts)}
+    hidden = {
+        name for name in log.columns if name in BASE or (name.endswith("/contact") > contacts)
+    }
     kept = {name: values for name, values in log.columns.items() if name not in hidden}
     found = with_estimated_base(robot, replace(log, columns=kept))
     (true_turn, true_speed), (turn, speed) = (_state(one) for one in (log, found))
@@ -144,9 +146,9 @@ def trotting(seed: int, folder: Path) -> Iterator[tuple[Robot, gap.Recording]]:
     yield load_robot(QUADRUPED_XML, floating=True), replace(log, columns=columns)
 
 
-def trot(gait: Trot, seconds: float, base: Any = "pose") -> gap.Recording:
-    """The log of the quadruped on servos of MuJoCo's as it trots over a floor."""
-    servos = [
+def servos() -> list[BuiltinPositionActuatorCfg]:
+    """The quadruped's, of MuJoCo's own, with the gains of its default drives."""
+    return [
         BuiltinPositionActuatorCfg(
             joint_names_expr=names, stiffness=gain, damping=damping, effort_limit=limit
         )
@@ -155,7 +157,11 @@ def trot(gait: Trot, seconds: float, base: Any = "pose") -> gap.Recording:
             ((".*_calf",), 143.0, 2.3, 35.55),
         )
     ]
-    robot = Quadruped(actuators=servos)
+
+
+def trot(gait: Trot, seconds: float, base: Any = "pose") -> gap.Recording:
+    """The log of the quadruped on servos of MuJoCo's as it trots over a floor."""
+    robot = Quadruped(actuators=servos())
     task = Stand(robot, control_timestep=0.004, joint_noise=0.0, fall=FallLimits(tilt=1.0))
     environment = composer.Environment(task, random_state=0)
 

@@ -11,7 +11,7 @@ of it can touch the ground. So a flat foot is one, whatever it is made of, and h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -70,10 +70,19 @@ def find_feet(model: mujoco.MjModel, base: Base | None) -> tuple[Foot, ...]:
     low = np.array([float(lowest(model, data, geom, -up) @ up) for geom in own])
     height = float(data.xpos[base.id] @ up) - float(low.min())
     rigid = model.body_weldid[model.geom_bodyid[own]]
+    bodies = dict.fromkeys(int(one) for one in rigid)
+    least = {body: float(low[rigid == body].min()) for body in bodies}
+    # A shin is nearly as low as the foot that it carries.
+    shins = {
+        above
+        for body in bodies
+        for above in _above(model, body)
+        if above != base.id and above in least and least[above] > least[body]
+    }
     feet = []
-    for body in dict.fromkeys(int(one) for one in rigid):
+    for body in bodies:
         reach, depth = own[rigid == body], low[rigid == body]
-        if depth.min() > low.min() + _AS_LOW * max(height, 0.0):
+        if body in shins or depth.min() > low.min() + _AS_LOW * max(height, 0.0):
             continue
         sole = reach[depth <= depth.min() + _SOLE]
         feet.append(
@@ -92,6 +101,12 @@ def find_feet(model: mujoco.MjModel, base: Base | None) -> tuple[Foot, ...]:
             )
         )
     return tuple(feet)
+
+
+def _above(model: mujoco.MjModel, body: int) -> Iterator[int]:
+    """The bodies between a body and the world."""
+    while body := int(model.body_parentid[body]):
+        yield body
 
 
 def _names(model: mujoco.MjModel, body: int) -> tuple[str, ...]:

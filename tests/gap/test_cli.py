@@ -795,7 +795,7 @@ def test_simulate_says_which_robots_and_effects_it_takes(run: Run, folder: Path)
     outcome = run("simulate", "motor.xml")
     refused(outcome, "motor.xml", "is not a plain position servo", "no controller", "efforts")
     told = " ".join(run("simulate", "--help").out.split())
-    for word in ("timestep", "ground_friction", "ground_compliance", "efforts"):
+    for word in ("timestep", "ground_friction", "ground_compliance", "foot_offset", "efforts"):
         assert word in told
 
 

@@ -102,7 +102,7 @@ def sized(robot, *recordings):
 
 
 # A ground to stand on, or drives that all have a limit.
-NEED_MORE = {"ground_compliance", "ground_friction", "supply_sag"}
+NEED_MORE = {"foot_offset", "ground_compliance", "ground_friction", "supply_sag"}
 
 
 class TestStructure:

@@ -54,7 +54,7 @@ ELSEWHERE = {
     # `test_gear_play` steps their walkers.
     *("backlash", "series_elasticity"),
     # The machine stands on nothing.
-    *("ground_friction", "ground_compliance"),
+    *("ground_friction", "ground_compliance", "foot_offset"),
     # A replay begins when the integrator has settled, an episode with an empty one.
     "integral_action",
 }
