@@ -246,8 +246,8 @@ def _contact(name: str) -> str:
             f"""<mujoco><option timestep="0.001" cone="elliptic"/><worldbody>
             <geom type="plane" size="1 1 1" solref="{timeconst} 1" friction="{friction}"/>
             <body pos="0 0 0.06"><freejoint/>
-            <geom type="box" pos="0 0 {-lower}" size="0.05 0.05 0.05" mass="2" solref="{timeconst} 1"
-            friction="{friction}"/></body></worldbody></mujoco>"""
+            <geom type="box" pos="0 0 {-lower}" size="0.05 0.05 0.05" mass="2"
+            solref="{timeconst} 1" friction="{friction}"/></body></worldbody></mujoco>"""
         )
         data = mujoco.MjData(model)
         rows = []

@@ -69,7 +69,8 @@ def _estimated_otherwise(
         values = np.interp(time, knots, rng.standard_normal(len(knots)))
         # Between two knots a mean of both varies less.
         part = (time - time[0]) / _ONE_WAY % 1
-        return recording.errors[name] * values / np.hypot(part, 1 - part)
+        wrong: FloatArray = recording.errors[name] * values / np.hypot(part, 1 - part)
+        return wrong
 
     found = {name: measured[name] + off(name) for name in (*LINEAR, *ANGULAR)}
     turned = Rotation.from_rotvec(

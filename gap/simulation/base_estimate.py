@@ -357,7 +357,7 @@ def _variance(
     for _ in range(20):
         weight = (_TAILS + size) / (_TAILS + size * square / max(typical, 1e-12))
         typical = float(np.mean((weight * square)[stands]))
-    each = np.maximum(typical, np.square(least)) / np.minimum(weight, 1.0)
+    each: FloatArray = np.maximum(typical, np.square(least)) / np.minimum(weight, 1.0)
     return _memory(left, stands, step) * each
 
 

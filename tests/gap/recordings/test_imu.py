@@ -49,7 +49,7 @@ def test_a_part_of_a_vector_is_refused_by_what_it_lacks(whole):
 
 
 def test_a_quaternion_of_a_unit_has_norm_1():
-    with pytest.raises(InputError, match="imu_quaternion_w…z' have norm 0.5"):
+    with pytest.raises(InputError, match=r"imu_quaternion_w…z' have norm 0\.5"):
         log(*IMU_QUATERNION[1:], **{IMU_QUATERNION[0]: np.full(ROWS, 0.5)})
 
 

@@ -77,7 +77,7 @@ def test_velocities_are_those_of_the_points_that_are_fixed_to_the_feet():
     qvel = np.zeros((2, model.nv))
     qvel[:, 6:] = rng.standard_normal(12)
     qpos[1, 7:] += dt * qvel[0, 6:]
-    legs = Legs(model, base, feet, qpos, qvel, np.full(model.nv, 0.01))
+    legs = Legs(model, base, feet, qpos, qvel, np.repeat([0.0, 0.01], [6, 12]))
     down = np.tile([0.1, 0.2, -1.0] / np.linalg.norm([0.1, 0.2, -1.0]), (2, 1))
     data = mujoco.MjData(model)
     for f, foot in enumerate(feet):
