@@ -157,9 +157,14 @@ def servos() -> list[BuiltinPositionActuatorCfg]:
     ]
 
 
+def quadruped() -> Quadruped:
+    """Ours, on those."""
+    return Quadruped(actuators=servos())
+
+
 def trot(gait: Trot, seconds: float, base: Any = "pose") -> gap.Recording:
     """The log of the quadruped on servos of MuJoCo's as it trots over a floor."""
-    robot = Quadruped(actuators=servos())
+    robot = quadruped()
     task = Stand(robot, control_timestep=0.004, joint_noise=0.0, fall=FallLimits(tilt=1.0))
     environment = composer.Environment(task, random_state=0)
 
