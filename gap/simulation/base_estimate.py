@@ -14,7 +14,7 @@ ground that is not level, leaves the attitude off by as much.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -23,11 +23,10 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from walkerkit.gap.recordings.base import ANGULAR, LINEAR, ORIENTATIONS, POSITION, missing
-from walkerkit.gap.recordings.imu import ACCELERATION, GYRO, IMU_QUATERNION, has_imu
+from walkerkit.gap.recordings.imu import has_imu
 from walkerkit.gap.recordings.recording import QUATERNION, Recording
-from walkerkit.gap.recordings.smooth import Smoothed as SmoothedSignals
 from walkerkit.gap.recordings.state import MeasuredState
-from walkerkit.gap.simulation.base import Base, imu_mounting
+from walkerkit.gap.simulation.base import Base
 from walkerkit.gap.simulation.base_filter import (
     ACC_BIAS,
     GYRO_BIAS,
@@ -40,6 +39,7 @@ from walkerkit.gap.simulation.base_filter import (
     V,
     smooth,
 )
+from walkerkit.gap.simulation.base_readings import Sensed, sensed_by
 from walkerkit.gap.simulation.feet import Foot, Legs, find_feet
 from walkerkit.gap.simulation.ground import Ground
 from walkerkit.gap.simulation.robot import Robot
@@ -52,8 +52,6 @@ _KNOT = 0.01  # s; the filter takes steps as long where the log has shorter ones
 # Of a unit that was calibrated at rest; as delivered, data sheets allow 1°/s and 20 mg.
 _GYRO_BIAS, _ACC_BIAS = 0.01, 0.05  # rad/s, m/s²
 _GYRO_DRIFT, _ACC_DRIFT = 2e-4, 2e-3  # rad/s and m/s², in a second
-_LEAST_GYRO, _LEAST_ACC = 2e-3, 0.05  # rad/s, m/s²
-_NO_ACCELEROMETER = 3.0  # m/s², how a walking trunk is accelerated
 _ATTITUDE = 0.02  # rad, of a unit's own
 _HEIGHT, _LOWEST_HEIGHT, _HIGHEST_HEIGHT = 5e-3, 4e-3, 0.05  # m, of the ground under a step
 _UNKNOWN_HEIGHT = 1.0  # m, where the model's ground is no plane
@@ -63,33 +61,6 @@ _LASTS = 0.1  # s, one way, where nothing is known yet
 _TAILS = 4.0  # degrees of freedom of the feet's velocities (Student's t)
 _PASSES = 2
 _LONGEST_MEMORY = 0.2  # s
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Sensed:
-    """A log, evenly sampled: the joints' states and the unit's readings in the base's frame.
-
-    Attributes:
-        recording: the log.
-        time: (T,) [s].
-        step: from one sample to the next [s].
-        states: (T, nq) positions, (T, nv) velocities and accelerations of the joints.
-        gyro: (T, 3) [rad/s].
-        pushing: (T, 3) of an accelerometer at the base's origin [m/s²]; gravity by the unit's own
-            attitude where it has none.
-        up: (T, 3) upwards by its own attitude; NaN where it has none.
-        gyro_noise, acceleration_noise: standard deviation of a sample.
-    """
-
-    recording: Recording
-    time: FloatArray
-    step: float
-    states: tuple[FloatArray, FloatArray, FloatArray]
-    gyro: FloatArray
-    pushing: FloatArray
-    up: FloatArray
-    gyro_noise: float
-    acceleration_noise: float
 
 
 def with_known_base(robot: Robot, recording: Recording, *, again: bool = False) -> Recording:
@@ -121,7 +92,7 @@ def with_estimated_base(robot: Robot, recording: Recording) -> Recording:
     if base is None:
         raise ValueError(f"{robot.source}: no base floats")
     feet = find_feet(robot.model, base)
-    sensed = _sensed(robot, base, recording)
+    sensed = sensed_by(robot, base, recording)
     joints = [robot.joints[name] for name in recording.joints]
     errors = np.zeros(robot.model.nv)
     state = MeasuredState.shared(recording, recording.joints)
@@ -131,76 +102,8 @@ def with_estimated_base(robot: Robot, recording: Recording) -> Recording:
     return _told(recording, sensed, smoothed, source, robot.model.opt.gravity)
 
 
-def _sensed(robot: Robot, base: Base, recording: Recording) -> _Sensed:
-    """A log as the filter takes it."""
-    step = float(np.median(np.diff(recording.time)))
-    count = int(np.floor((recording.time[-1] - recording.time[0]) / step + 1e-6)) + 1
-    time = recording.time[0] + step * np.arange(count)
-    state = MeasuredState.shared(recording, recording.joints)
-    joints = [robot.joints[name] for name in recording.joints]
-    qpos = np.tile(rest(robot.model).qpos, (count, 1))
-    qvel, qacc = np.zeros((2, count, robot.model.nv))
-    at, dofs = [joint.qpos for joint in joints], [joint.dof for joint in joints]
-    qpos[:, at], qvel[:, dofs] = state.at(time)
-    qacc[:, dofs] = np.gradient(qvel[:, dofs], step, axis=0)
-
-    def even(names: Sequence[str]) -> FloatArray | None:
-        if any(name not in recording.columns for name in names):
-            return None
-        return np.stack(
-            [np.interp(time, recording.time, recording.columns[name]) for name in names], axis=1
-        )
-
-    gravity = robot.model.opt.gravity
-    place, mounted = imu_mounting(robot.model, base.id)
-    own = even(IMU_QUATERNION)
-    up = np.full((count, 3), np.nan)
-    attitude = None
-    if own is not None:
-        flips = np.where(np.sum(own[1:] * own[:-1], axis=1) < 0, -1.0, 1.0)
-        own[1:] *= np.cumprod(flips)[:, None]
-        attitude = Rotation.from_quat(np.roll(own, -1, axis=1)) * Rotation.from_matrix(mounted.T)
-        up = attitude.inv().apply([0.0, 0.0, 1.0])
-    gyro = even(GYRO)
-    if gyro is not None:
-        gyro = gyro @ mounted.T
-    elif attitude is not None:
-        turned = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / step
-        gyro = SmoothedSignals(time, np.vstack([turned, turned[-1:]]).T).values.T.copy()
-    else:
-        raise ValueError("neither angular velocity nor attitude")
-    pushing = even(ACCELERATION)
-    noise = _NO_ACCELEROMETER / np.sqrt(step)
-    if pushing is not None:
-        noise = max(_white(pushing), _LEAST_ACC)
-        smooth_gyro = SmoothedSignals(time, gyro.T)
-        spin, spun_up = smooth_gyro.values.T, smooth_gyro.slopes.T
-        lever = np.cross(spun_up, place) + np.cross(spin, np.cross(spin, place))
-        pushing = pushing @ mounted.T - lever
-    else:
-        pushing = float(np.linalg.norm(gravity)) * up
-    return _Sensed(
-        recording=recording,
-        time=time,
-        step=step,
-        states=(qpos, qvel, qacc),
-        gyro=gyro,
-        pushing=pushing,
-        up=up,
-        gyro_noise=max(_white(gyro), _LEAST_GYRO),
-        acceleration_noise=noise,
-    )
-
-
-def _white(signals: FloatArray) -> float:
-    """Standard deviation of the white noise of (T, k) signals, impacts and all."""
-    if len(signals) < 3:
-        return 0.0
-    return float(np.sqrt(np.mean(np.diff(signals, 2, axis=0) ** 2) / 6))
-
-
 def _estimated(
-    robot: Robot, base: Base, sensed: _Sensed, feet: Sequence[Foot], legs: Legs
+    robot: Robot, base: Base, sensed: Sensed, feet: Sequence[Foot], legs: Legs
 ) -> tuple[Smoothed, Source]:
     """The base's course, by passes that learn how well the feet stand."""
     knots = _knots(sensed)
@@ -229,12 +132,12 @@ def _estimated(
     return smooth(motion, stances, settings), found.source
 
 
-def _knots(sensed: _Sensed) -> NDArray[np.intp]:
+def _knots(sensed: Sensed) -> NDArray[np.intp]:
     """The samples at which the filter stops."""
     return np.arange(0, len(sensed.time), max(1, int(_KNOT / sensed.step + 1e-6)))
 
 
-def _settings(robot: Robot, sensed: _Sensed, stride: int) -> tuple[Settings, float]:
+def _settings(robot: Robot, sensed: Sensed, stride: int) -> tuple[Settings, float]:
     """How good the measurements are, and how high the model's ground is."""
     ground = Ground(robot.model)
     model, height = robot.model, _UNKNOWN_HEIGHT
@@ -260,7 +163,7 @@ def _settings(robot: Robot, sensed: _Sensed, stride: int) -> tuple[Settings, flo
     return settings, level
 
 
-def _motion(sensed: _Sensed, knots: NDArray[np.intp], settings: Settings, level: float) -> Motion:
+def _motion(sensed: Sensed, knots: NDArray[np.intp], settings: Settings, level: float) -> Motion:
     """What the filter takes of the unit alone, feet left out."""
     stride = int(knots[1] - knots[0])
     dt = stride * sensed.step
@@ -381,7 +284,7 @@ def _integral(signals: FloatArray, step: float) -> FloatArray:
 
 
 def _between(
-    sensed: _Sensed, knots: NDArray[np.intp], smoothed: Smoothed, gravity: FloatArray
+    sensed: Sensed, knots: NDArray[np.intp], smoothed: Smoothed, gravity: FloatArray
 ) -> tuple[Rotation, FloatArray]:
     """Rotations and (T, 3) velocities at all samples: as the unit felt it from knot to knot."""
     time, at = sensed.time, sensed.time[knots]
@@ -404,7 +307,7 @@ def _between(
 
 def _told(
     recording: Recording,
-    sensed: _Sensed,
+    sensed: Sensed,
     smoothed: Smoothed,
     source: Source,
     gravity: FloatArray,
