@@ -207,7 +207,7 @@ class FootOffset(Effect):
                 unit="m",
                 lower=-20 * size,
                 upper=20 * size,
-                scale=size,
+                scale=_COARSE * size,
                 starts=tuple(own),
             )
             for axis, own in zip("xyz", starts, strict=True)
