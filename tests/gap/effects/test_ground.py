@@ -148,8 +148,8 @@ class TestFootOffset(EffectContract):
         return stand_of(AWKWARD, BAR, PAIR)
 
     def plant(self, machine):
-        machine.model.geom("toe").pos += (0.004, -0.004, -0.012)
-        return {"shank": [0.004, -0.004, -0.012]}
+        machine.model.geom("toe").pos += (-0.004, -0.003, -0.012)
+        return {"shank": [-0.004, -0.003, -0.012]}
 
 
 def test_a_foot_moves_with_its_shank_however_it_is_fixed_there():
