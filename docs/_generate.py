@@ -46,7 +46,7 @@ PACKAGES = ("gap", "actuators", "walkers", "tasks")
 JOINT = "calf"
 _SECONDS, _RATE, _MOST_SIZES = 3.0, 250.0, 3
 _SAME_MOTION = 0.3  # of the motion, which an effect may change for its picture
-_OF_THE_CONTACT = {"ground_friction", "ground_compliance"}
+_OF_THE_CONTACT = {"ground_friction", "ground_compliance", "foot_offset"}
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -235,15 +235,19 @@ def _sized(robot: Robot, recording: Recording, joints: tuple[str, ...]) -> Robot
 
 def _contact(name: str) -> str:
     """A foot on the ground: pushed ever harder, or put down."""
-    cases = ((0.4, 0.02), (0.8, 0.02)) if name == "ground_friction" else ((0.8, 0.01), (0.8, 0.04))
+    cases = {  # friction, time constant [s], by how much the foot is further down [m]
+        "ground_friction": ((0.4, 0.02, 0.0), (0.8, 0.02, 0.0)),
+        "ground_compliance": ((0.8, 0.01, 0.0), (0.8, 0.04, 0.0)),
+        "foot_offset": ((0.8, 0.01, 0.0), (0.8, 0.01, 0.005)),
+    }[name]
     shown = []
-    for friction, timeconst in cases:
+    for friction, timeconst, lower in cases:
         model = mujoco.MjModel.from_xml_string(
             f"""<mujoco><option timestep="0.001" cone="elliptic"/><worldbody>
             <geom type="plane" size="1 1 1" solref="{timeconst} 1" friction="{friction}"/>
             <body pos="0 0 0.06"><freejoint/>
-            <geom type="box" size="0.05 0.05 0.05" mass="2" solref="{timeconst} 1"
-            friction="{friction}"/></body></worldbody></mujoco>"""
+            <geom type="box" pos="0 0 {-lower}" size="0.05 0.05 0.05" mass="2"
+            solref="{timeconst} 1" friction="{friction}"/></body></worldbody></mujoco>"""
         )
         data = mujoco.MjData(model)
         rows = []

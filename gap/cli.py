@@ -422,6 +422,12 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="Of the sizes, the motions, the noise.")] = 0,
     seconds: Annotated[float, typer.Option(help="Length of each experiment.")] = 10.0,
     out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("rehearsal"),
+    imu: Annotated[
+        bool,
+        typer.Option(
+            "--imu", help="Of a base that floats, an inertial unit's readings, not its pose."
+        ),
+    ] = False,
     overwrite: Overwrite = False,
     allow_outside: AllowOutside = False,
 ) -> None:
@@ -430,7 +436,7 @@ def simulate(
     Position servos are sent positions. Beside motors and velocity servos
     a computer goes for the positions, and what it sends is logged.
     Any effect but timestep can be hidden, which is no robot's;
-    ground_friction and ground_compliance where a robot floats,
+    ground_friction, ground_compliance and foot_offset where a robot floats,
     with spheres for feet and a level plane.
     """
     from walkerkit.gap.effects import CATALOGUE
@@ -447,7 +453,9 @@ def simulate(
     check_folder(out)
     files = {name: f"{name}.csv" for name in EXPERIMENTS}
     check_free(out, files.values(), kind="rehearsal", overwrite=overwrite)
-    rehearsal = rehearse(model, hide, seed=seed, seconds=seconds, allow_outside=allow_outside)
+    rehearsal = rehearse(
+        model, hide, seed=seed, seconds=seconds, allow_outside=allow_outside, imu=imu
+    )
 
     def write(made: Path) -> None:
         for recording in rehearsal.recordings:

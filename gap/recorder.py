@@ -13,7 +13,9 @@ A row is the instant at which a command begins to act: `time` from the start of 
 row (as sent: a delay of the drive comes after); and `effort`, what the drives make of both in the
 physics step that begins there, on the joint's side of gears and limits. That is how replay reads a
 log, so a log that is replayed by the model that made it, at its timestep, leaves no gap. Joints are
-called as in the robot's own model. A base that floats leaves its pose and velocity too.
+called as in the robot's own model. A base that floats leaves its pose and velocity too, or what an
+inertial unit and foot switches read (`base="imu"`; log it at the rate of the physics, since a row
+shows the acceleration of one step).
 
 Which model to compare with: MuJoCo's actuators (`Builtin…`, `Xml…`, those of the file) are in the
 robot's own MJCF. That has a bare motor for a law that runs in Python (`IdealPdActuatorCfg`,
@@ -33,7 +35,7 @@ import numpy as np
 
 from walkerkit.actuators.errors import closest
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.robot_log import RobotLog
+from walkerkit.gap.robot_log import BaseLog, RobotLog
 from walkerkit.tasks.excitation import Excitation
 from walkerkit.tasks.reference import Reference
 from walkerkit.tasks.track_joints import TrackJoints
@@ -56,6 +58,7 @@ def record(
     walker: Any = None,
     seed: int = 0,
     name: str = "simulation",
+    base: BaseLog = "pose",
 ) -> Recording:
     """Runs an episode, or the beginning of one, and logs the joints.
 
@@ -72,6 +75,8 @@ def record(
         walker: whose joints to log, where the arena has several walkers.
         seed: of the excitation.
         name: the recording's name.
+        base: what is logged of a base that floats: its `pose` and velocity; what an ideal `imu`
+            reads, and which feet touch the ground; or `both`.
 
     Returns:
         The recording; shorter than asked for, with a note, where the episode ended before.
@@ -87,11 +92,16 @@ def record(
             f"every is {every!r}{closest(str(every), ('control_step', 'physics_step'))}; it should "
             "be 'control_step' or 'physics_step'"
         )
+    if base not in ("pose", "imu", "both"):
+        raise ValueError(
+            f"base is {base!r}{closest(str(base), ('pose', 'imu', 'both'))}; it should be 'pose', "
+            "'imu' or 'both'"
+        )
     control_step = float(environment.control_timestep())
     wanted = _wanted(seconds, n_steps, control_step)
     longest = round(LONGEST / control_step) if wanted is None else wanted
     timestep = environment.reset()
-    log = RobotLog(environment, walker)
+    log = RobotLog(environment, walker, base)
     act = _policy(
         policy,
         environment,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from walkerkit.actuators import ActuatorCmd
 from walkerkit.actuators.drive import Drive, read_drive
 from walkerkit.actuators.errors import listed
+from walkerkit.gap.simulated_unit import Unit
 from walkerkit.tasks.suite_physics import ActuatedPhysics
 from walkerkit.walkers.actuated import Actuated
 from walkerkit.walkers.drivetrain import Drivetrain
@@ -30,12 +31,17 @@ _BASE_VELOCITY = tuple(
 )
 
 
+BaseLog = Literal["pose", "imu", "both"]
+
+
 class RobotLog:
     """Reads the joints of one robot before and after physics steps.
 
     Args:
         environment: a composer or suite environment that was just reset.
         walker: the walker to log; None where there is one alone.
+        base: what is logged of a base that floats: its `pose`; what an `imu` reads and which feet
+            touch the ground; or `both`.
 
     Attributes:
         drivetrain: of the robot, None where its actuators are MuJoCo's and not of ours.
@@ -44,7 +50,7 @@ class RobotLog:
         ValueError: there are several walkers, or none, or the task does not give it its actions.
     """
 
-    def __init__(self, environment: Any, walker: Any = None):
+    def __init__(self, environment: Any, walker: Any = None, base: BaseLog = "pose"):
         physics = environment.physics
         self._model: mujoco.MjModel = physics.model.ptr
         self._data: mujoco.MjData = physics.data.ptr
@@ -62,6 +68,11 @@ class RobotLog:
         ids = list(self._names)
         self._qpos_at, self._dof_at = self._model.jnt_qposadr[ids], self._model.jnt_dofadr[ids]
         self._base = None if free is None else self._base_at(free)
+        self._logs = base
+        self._unit = None
+        if free is not None and base != "pose":
+            self._unit = Unit(self._model, free)
+        self._changes: list[FloatArray] = []
         # Column to the target's name and its place in the command, or to the drive that tells it.
         self._commanded: dict[str, tuple[str, int]] = {}
         self._controlled: dict[str, Drive] = {}
@@ -94,6 +105,9 @@ class RobotLog:
         if self.drivetrain is not None:
             effort[self._drive_dofs] += self.drivetrain.changed_effort[self._drive_places]
         self._efforts.append(effort)
+        if self._unit is not None:
+            before = self._states[-1][self._model.nq :]
+            self._changes.append((self._data.qvel - before) / self._model.opt.timestep)
 
     def columns(self) -> dict[str, FloatArray]:
         """The log: column to samples."""
@@ -102,7 +116,10 @@ class RobotLog:
         qpos, qvel = np.split(states, [self._model.nq], axis=1)
         efforts = np.array(self._efforts).reshape(rows, self._model.nv)
         columns: dict[str, FloatArray] = {}
-        if self._base is not None:
+        if self._unit is not None:
+            changes = np.array(self._changes).reshape(rows, self._model.nv)
+            columns.update(self._unit.columns(qpos, qvel, changes))
+        if self._base is not None and self._logs != "imu":
             columns.update(zip(_BASE_POSITION, qpos[:, self._base[0]].T, strict=True))
             columns.update(zip(_BASE_VELOCITY, qvel[:, self._base[1]].T, strict=True))
         for id_, at, dof in zip(self._names, self._qpos_at, self._dof_at, strict=True):

@@ -36,6 +36,7 @@ from walkerkit.gap.recordings.checks import (
     without_placeholders,
 )
 from walkerkit.gap.recordings.given import OneOrMore
+from walkerkit.gap.recordings.imu import has_imu
 from walkerkit.gap.recordings.manifest import Experiment, load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.split import Recordings, is_in_time, split, split_in_time
@@ -50,6 +51,7 @@ from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Explanation, name_effects
 from walkerkit.gap.search.problem import Problem, build
+from walkerkit.gap.simulation.base_estimate import with_known_base
 from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_effort
 from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.mend import mend
@@ -310,7 +312,7 @@ def prepare(
     check_seconds(window)
     robots, suiting = [], []
     for experiment in experiments:
-        floating = any(not base.missing(recording) for recording in experiment.recordings)
+        floating = any(not base.missing(r) or has_imu(r) for r in experiment.recordings)
         robot = load_robot(experiment.model, floating=floating, allow_outside=allow_outside)
         if robot.path is not None:
             robot = with_sidecar(robot, robot.path)
@@ -342,6 +344,7 @@ def prepare(
     experiments = rewired_experiments(
         robots, experiments, window=window if windowed else None, n_threads=n_threads
     )
+    experiments = tuple(_rewired(robot, e) for robot, e in zip(robots, experiments, strict=True))
     fitted, held_out = split(experiments)
     setup = Setup(
         robots=tuple(robots),
@@ -366,8 +369,18 @@ def _checked(robot: Robot, recording: Recording) -> Recording:
     """A recording without pauses, with what its signals say of each other."""
     recording = with_checked_velocities(robot, recording)
     if robot.base is not None:
-        recording = base.with_checked_base(recording)
+        recording = base.with_checked_base(with_known_base(robot, recording))
     return without_echoes(recording, by_effort_alone(robot, recording))
+
+
+def _rewired(robot: Robot, experiment: Experiment) -> Experiment:
+    """An experiment whose bases are estimated anew where joints were wired otherwise."""
+    return replace(
+        experiment,
+        recordings=tuple(
+            with_known_base(robot, one, again=bool(one.wiring)) for one in experiment.recordings
+        ),
+    )
 
 
 def _check_shared_joints(robots: Sequence[Robot], experiments: Sequence[Experiment]) -> None:

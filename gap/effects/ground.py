@@ -15,6 +15,7 @@ import numpy as np
 
 from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
+from walkerkit.gap.simulation.feet import Foot, find_feet, in_frame_of
 from walkerkit.gap.simulation.ground import Ground
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
@@ -25,6 +26,12 @@ _COARSE = 5.0
 _LEAST_FRICTION = 1e-5  # MuJoCo takes no less
 _HARDEST = 2.0  # timesteps; MuJoCo's contacts are no faster
 _SOFTEST = 0.5  # s
+_OFFSET, _SHORTEST = 0.02, 0.05  # of the distance of a foot from its shank's joint; m
+_FRAMES = mujoco.mjtSameFrame
+_NOT_THERE = {
+    int(_FRAMES.mjSAMEFRAME_BODY): int(_FRAMES.mjSAMEFRAME_BODYROT),
+    int(_FRAMES.mjSAMEFRAME_INERTIA): int(_FRAMES.mjSAMEFRAME_INERTIAROT),
+}
 _LOWEST, _HIGHEST = 0.02, 0.9999  # impedance; MuJoCo takes no more
 
 
@@ -194,6 +201,67 @@ class GroundCompliance(GroundEffect):
         ground = Ground(model)
         solref = [model.geom_solref[ground.geoms], model.pair_solref[ground.pairs]]
         return _time_constant(np.concatenate(solref))
+
+
+class FootOffset(Effect):
+    """A foot is elsewhere on its leg than the model says: a longer shank, a worn or other foot.
+
+    What touches the ground is moved, and no mass.
+    """
+
+    name = "foot_offset"
+    part = "ground"
+    equation = "where the foot touches + Δr in the shank's frame, Δr: x, y, z [m]"
+    symptom = "at touch-down; the base's height and attitude while it stands"
+    added_as = "geom pos"
+    source = "MuJoCo XML reference, geom/pos"
+    kind = "body"
+
+    def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
+        """The bodies that carry feet, but for the base itself."""
+        return tuple(_shanks(robot))
+
+    def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
+        """The three, in parts of the foot's distance from the shank's joint."""
+        foot = _shanks(robot)[site]
+        size = _OFFSET * max(foot.distance, _SHORTEST)
+        starts = [
+            [sign * 2 * size if axis == other else 0.0 for other in "zxy" for sign in (-1, 1)]
+            for axis in "xyz"
+        ]
+        return tuple(
+            Parameter(
+                name=axis,
+                unit="m",
+                lower=-20 * size,
+                upper=20 * size,
+                scale=_COARSE * size,
+                starts=tuple(own),
+            )
+            for axis, own in zip("xyz", starts, strict=True)
+        )
+
+    def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
+        """Adds to the `geom_pos` of what of the foot can touch the ground first."""
+        model = trials.robot.model
+        foot = _shanks(trials.robot)[site]
+        position, same = trials.field("geom_pos"), trials.field("geom_sameframe")
+        moved = values.any(axis=1)
+        for geom in foot.geoms:
+            position[:, geom] += values @ in_frame_of(
+                model, int(model.geom_bodyid[geom]), foot.body
+            )
+            # MuJoCo takes a geom at its body's origin, or centre of mass, to stay there.
+            same[moved, geom] = _NOT_THERE.get(int(same[0, geom]), int(same[0, geom]))
+
+
+def _shanks(robot: Robot) -> dict[str, Foot]:
+    """The feet by the names of the bodies that carry them, the base left out."""
+    model, base = robot.model, robot.base
+    if base is None:
+        return {}
+    feet = [foot for foot in find_feet(model, base) if foot.body != base.id]
+    return {name: foot for foot in feet if (name := model.body(foot.body).name)}
 
 
 def _impedance(model: mujoco.MjModel) -> FloatArray:

@@ -4,12 +4,14 @@
     base_signal(recording, "orientation_y")    # (T,) rad, the pitch
     BaseState(recording).at(time)              # (n, 7) and (n, 6), as a MuJoCo free joint has them
     with_checked_base(recording)               # a note of each velocity that is not used
+    compared(recording)                        # which of `SIGNALS`: few of an estimated base's
 
 Position and linear velocity are in the world's frame; the quaternion, real part first, turns from
 the base's frame to the world's; the angular velocity is in the base's frame. A quaternion and its
 opposite are the same pose, so jumps between them do not matter. Where no velocity was logged, or
 one that contradicts the poses (most often one in the other frame), it is the poses' own, and that
-is told.
+is told. Of a base that was estimated (`Recording.errors`), where it is and where it heads are not
+compared: nothing has seen them.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import QUATERNION, Recording
 from walkerkit.gap.recordings.smooth import Smoothed
 
@@ -32,8 +35,11 @@ POSITION: Final = tuple(f"base/position_{axis}" for axis in "xyz")
 LINEAR: Final = tuple(f"base/linear_velocity_{axis}" for axis in "xyz")
 ANGULAR: Final = tuple(f"base/angular_velocity_{axis}" for axis in "xyz")
 ORIENTATIONS: Final = tuple(f"orientation_{axis}" for axis in "xyz")
-SIGNALS: Final = (*(f"position_{axis}" for axis in "xyz"), *ORIENTATIONS)
-"""What is compared: position [m], and orientation [rad] as roll, pitch and yaw."""
+TURNING: Final = tuple(f"angular_velocity_{axis}" for axis in "xyz")
+SIGNALS: Final = (*(f"position_{axis}" for axis in "xyz"), *ORIENTATIONS, *TURNING)
+"""What can be compared: position [m], orientation [rad] as roll, pitch and yaw, and, of a base with
+an inertial unit, angular velocity [rad/s] in its own frame."""
+_OF_POSES, _OF_UNITS = SIGNALS[:6], (*ORIENTATIONS[:2], *TURNING)
 
 _CONTRADICTS = 0.5  # of the velocity that the poses have
 _SLOW = {LINEAR: 0.02, ANGULAR: 0.1}  # m/s, rad/s; differences below are the poses' own noise
@@ -45,6 +51,13 @@ def missing(recording: Recording) -> tuple[str, ...]:
     return tuple(name for name in (*POSITION, *QUATERNION) if name not in recording.columns)
 
 
+def compared(recording: Recording) -> tuple[str, ...]:
+    """Which of `SIGNALS` a recording has: none without the pose, measured or estimated."""
+    if missing(recording):
+        return ()
+    return _OF_UNITS if recording.errors else _OF_POSES
+
+
 def base_signal(recording: Recording, signal: str) -> FloatArray | None:
     """One of `SIGNALS`.
 
@@ -53,10 +66,10 @@ def base_signal(recording: Recording, signal: str) -> FloatArray | None:
         signal: its name.
 
     Returns:
-        (T,) m in the world's frame, or rad of roll, pitch and yaw without jumps; None where the
-        recording lacks the pose.
+        (T,) m in the world's frame, rad of roll, pitch and yaw without jumps, or rad/s; None where
+        nothing of the recording is to be compared with it.
     """
-    if missing(recording):
+    if signal not in compared(recording):
         return None
     if signal in ORIENTATIONS:
         return angles(quaternions(recording))[:, ORIENTATIONS.index(signal)]
@@ -108,6 +121,8 @@ def with_checked_base(recording: Recording) -> Recording:
     Args:
         recording: has the whole pose, and no pause.
     """
+    if recording.errors:
+        return recording
     frames = {LINEAR[0]: "world", ANGULAR[0]: "base"}
     notes = tuple(
         f"{column}, _y and _z contradict how the base's pose changes, which is used instead: log "
@@ -168,7 +183,10 @@ class BaseState:
         """The logged velocity, where there is one that the poses bear out."""
         if any(name not in recording.columns for name in names):
             return None
-        logged = Smoothed(recording.time, np.stack([recording.columns[name] for name in names]))
+        columns = np.stack([recording.columns[name] for name in names])
+        if recording.errors:
+            return Smoothed(recording.time, columns, noise.each(columns))
+        logged = Smoothed(recording.time, columns)
         place = slice(0, 3) if names == LINEAR else slice(3, 6)
         own = self._own(recording.time)[:, place]
         rows = max(1, round(_AVERAGED * recording.rate))

@@ -8,8 +8,10 @@ recording.between(2.0, 4.0).save("part.npz")
 One column per signal, `<joint>/<signal>`, beside `time` in seconds; SI units and radians; the joint
 is everything before the last slash. Optional: of the base `base/position_x…z` and
 `base/linear_velocity_x…z` (world frame), `base/quaternion_w…z` (base to world),
-`base/angular_velocity_x…z` (base frame), as a MuJoCo free joint has them; the supply's `voltage`;
-and `<joint>/current`, which is kept though nothing reads it. Every joint has a `position` and at
+`base/angular_velocity_x…z` (base frame), as a MuJoCo free joint has them; where nobody measures
+those, of an inertial unit what `recordings.imu` says, and of feet `<foot>/contact` (0 or 1) or
+`<foot>/force` (in any unit); the supply's `voltage`; and `<joint>/current`, which is kept though
+nothing reads it. Every joint has a `position` and at
 least one joint a target; a joint without one is passive. A recording that cannot be used raises
 InputError: one line that says where, what, and how to mend it.
 """
@@ -18,7 +20,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -52,6 +54,11 @@ BASE = QUATERNION + tuple(
     for quantity in ("position", "linear_velocity", "angular_velocity")
     for axis in "xyz"
 )
+IMU = (
+    *(f"base/imu_quaternion_{axis}" for axis in "wxyz"),
+    *(f"base/imu_{q}_{axis}" for q in ("angular_velocity", "acceleration") for axis in "xyz"),
+)
+FOOT_SIGNALS = ("contact", "force")
 LARGEST = 1e9
 """Anything beyond this is no measurement, in whichever unit of the SI."""
 LONGEST_STEP = 0.2
@@ -78,6 +85,8 @@ class Recording:
         file_rows: (T,) which row of the file each is, counted from 0, where some were left out.
         skipped: from when to when it was left out [s]; nothing goes on across that.
         imported: its rows are not those of the source, of which they were made.
+        errors: standard deviations of the base's state where that is estimated and not measured,
+            (T,) each, by column; of its orientation `base/orientation_x…z` about its own axes.
 
     Raises:
         InputError: the data break the contract of this module.
@@ -94,6 +103,7 @@ class Recording:
     file_rows: npt.NDArray[np.intp] | None = None
     skipped: Spans = ()
     imported: bool = False
+    errors: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -121,12 +131,14 @@ class Recording:
             values.setflags(write=False)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "columns", MappingProxyType(columns))
+        object.__setattr__(self, "errors", MappingProxyType(dict(self.errors)))
         object.__setattr__(self, "unused", (*self.unused, *empty))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A mapping proxy cannot be pickled or deep-copied.
-        state = {field.name: getattr(self, field.name) for field in fields(self)}
-        return functools.partial(Recording, **state | {"columns": dict(self.columns)}), ()
+        state = {one.name: getattr(self, one.name) for one in fields(self)}
+        plain = {name: dict(state[name]) for name in ("columns", "errors")}
+        return functools.partial(Recording, **state | plain), ()
 
     def __repr__(self) -> str:
         return (
@@ -196,6 +208,7 @@ class Recording:
             name=f"{self.name}[{start:g}:{stop:g}]",
             time=self.time[first:last],
             columns={name: values[first:last] for name, values in self.columns.items()},
+            errors={name: values[first:last] for name, values in self.errors.items()},
             part_of=self.whole,
             file_rows=None if self.file_rows is None else self.file_rows[first:last],
         )
@@ -324,9 +337,13 @@ class Recording:
                 f"no joint has a target: add the command that was sent, such as "
                 f"'{min(joints)}/position_target' (or velocity_target, effort_target)"
             )
-        missing = [name for name in QUATERNION if name not in self.columns]
-        if 0 < len(missing) < 4:
-            raise self._error(f"the base's quaternion lacks {missing[0]!r}. Log all four, or none")
+        for whole in (QUATERNION, IMU[:4], IMU[4:7], IMU[7:]):
+            missing = [name for name in whole if name not in self.columns]
+            if 0 < len(missing) < len(whole):
+                what = whole[0].rpartition("_")[0]
+                raise self._error(
+                    f"{what} lacks {missing[0]!r}. Log all {len(whole)} columns of it, or none"
+                )
 
     def _numbers(self, name: str, values: npt.ArrayLike) -> Array:
         """A float64 copy of a column, or the first entry that is no number."""
@@ -413,12 +430,14 @@ class Recording:
                     f"column {name!r} has {values[beyond[0]]:g} at {self.row(beyond[0])}, over "
                     f"{LARGEST:g} in any SI unit. Delete such rows, or fill them"
                 )
-        if QUATERNION[0] in columns:
-            norm = np.linalg.norm([columns[name] for name in QUATERNION], axis=0)
+        for quaternion in (QUATERNION, IMU[:4]):
+            if quaternion[0] not in columns:
+                continue
+            norm = np.linalg.norm([columns[name] for name in quaternion], axis=0)
             off = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
             if off.size:
                 raise self._error(
-                    f"columns 'base/quaternion_w…z' have norm {norm[off[0]]:g} at "
+                    f"columns '{quaternion[0]}…z' have norm {norm[off[0]]:g} at "
                     f"{self.row(off[0])}. Log unit quaternions"
                 )
 
@@ -437,7 +456,11 @@ def _used(names: Iterable[str]) -> list[str]:
         joint, signal = _split(name)
         if not joint or not joint.isprintable() or joint.startswith(" "):
             return name == "voltage"
-        return signal in SIGNALS or name in BASE or (signal == "current" and joint in measured)
+        return (
+            signal in (*SIGNALS, *FOOT_SIGNALS)
+            or name in (*BASE, *IMU)
+            or (signal == "current" and joint in measured)
+        )
 
     return [name for name in names if used(name)]
 

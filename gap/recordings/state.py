@@ -7,20 +7,29 @@ lag, unlike the velocity that drives report; it is used even where a velocity wa
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from walkerkit.gap.recordings import noise
-from walkerkit.gap.recordings.base import ANGULAR, LINEAR, POSITION, missing, quaternions
+from walkerkit.gap.recordings.base import (
+    ANGULAR,
+    LINEAR,
+    ORIENTATIONS,
+    POSITION,
+    missing,
+    quaternions,
+)
 from walkerkit.gap.recordings.recording import QUATERNION, Recording
 from walkerkit.gap.recordings.smooth import Smoothed
 
 FloatArray = NDArray[np.float64]
 
+_ONE_WAY = 0.25  # s, for which an estimate is wrong one way
 _OF_BASE = (*POSITION, *QUATERNION, *LINEAR, *ANGULAR)
 
 
@@ -41,10 +50,35 @@ def with_more_noise(recording: Recording, seed: Sequence[int]) -> Recording:
         if name in measured:
             std = noise.estimate([measured[name]]).std
             measured[name] = measured[name] + std * rng.standard_normal(len(recording.time))
+    if recording.errors:
+        measured |= _estimated_otherwise(recording, measured, rng)
     if QUATERNION[0] in measured:
         norm = np.linalg.norm([measured[name] for name in QUATERNION], axis=0)
         measured |= {name: measured[name] / norm for name in QUATERNION}
     return replace(recording, columns=measured)
+
+
+def _estimated_otherwise(
+    recording: Recording, measured: Mapping[str, FloatArray], rng: np.random.Generator
+) -> dict[str, FloatArray]:
+    """The base's columns, off by what the estimate may be wrong by: for about a window one way."""
+    time = recording.time
+    knots = np.arange(time[0], time[-1] + 2 * _ONE_WAY, _ONE_WAY)
+
+    def off(name: str) -> FloatArray:
+        values = np.interp(time, knots, rng.standard_normal(len(knots)))
+        # Between two knots a mean of both varies less.
+        part = (time - time[0]) / _ONE_WAY % 1
+        wrong: FloatArray = recording.errors[name] * values / np.hypot(part, 1 - part)
+        return wrong
+
+    found = {name: measured[name] + off(name) for name in (*LINEAR, *ANGULAR)}
+    turned = Rotation.from_rotvec(
+        np.stack([off(f"base/{axis}") for axis in ORIENTATIONS[:2]] + [np.zeros(len(time))], axis=1)
+    )
+    own = np.stack([measured[name] for name in QUATERNION], axis=1)
+    other = Rotation.from_quat(np.roll(own, -1, axis=1)) * turned
+    return found | dict(zip(QUATERNION, np.roll(other.as_quat(), 1, axis=1).T, strict=True))
 
 
 class MeasuredState:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.errors import some
 from walkerkit.gap.recordings.base import missing
+from walkerkit.gap.recordings.imu import has_imu
 from walkerkit.gap.recordings.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -114,7 +115,8 @@ def _quirks(recording: Recording) -> Iterator[str]:
     yield from _in_motion(recording)
     ahead = [note for joint in recording.joints for note in _leads(recording, joint)]
     # On its feet a robot's joints move each other, some of them before they are told to.
-    if missing(recording) or 2 * len(ahead) > len(recording.joints):
+    on_feet = not missing(recording) or has_imu(recording)
+    if not on_feet or 2 * len(ahead) > len(recording.joints):
         yield from ahead
 
 

@@ -24,7 +24,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, Literal
 
 import mujoco
 import mujoco.batch
@@ -39,6 +40,7 @@ from walkerkit.gap.rehearsal.hardware_controller import Controller
 from walkerkit.gap.rehearsal.hardware_drive import Drives, Source, load_rig, spec_of
 from walkerkit.gap.rehearsal.hardware_friction import Friction
 from walkerkit.gap.rehearsal.hardware_ground import Soil
+from walkerkit.gap.rehearsal.hardware_imu import Imu, contacts, felt, imu_readings
 from walkerkit.gap.rehearsal.hardware_log import Log, readings
 from walkerkit.gap.rehearsal.hardware_motor import Motor, swing_of
 from walkerkit.gap.rehearsal.hardware_mount import EFFECT as MOUNT
@@ -48,6 +50,7 @@ from walkerkit.gap.rehearsal.hardware_troubles import Troubles
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 
 Array = NDArray[np.float64]
+BaseLog = Literal["pose", "imu", "truth"]
 
 SETTLE: Final = 1.5
 """How long the robot holds the first target before the log begins, s."""
@@ -63,6 +66,14 @@ _OFF = (
 )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Loads:
+    """What the ground pushes feet up with, by the feet's names, (n_steps, n_sims, n_feet) N."""
+
+    names: tuple[str, ...]
+    loads: Array
+
+
 def run_hardware(
     source: Source,
     targets: Sequence[ArrayLike],
@@ -74,6 +85,7 @@ def run_hardware(
     names: Sequence[str] | None = None,
     jitter: float = 0.0,
     reads_first: bool = False,
+    base: BaseLog = "pose",
 ) -> list[Recording]:
     """Runs experiments on a robot with hidden effects and logs them.
 
@@ -89,6 +101,8 @@ def run_hardware(
         jitter: standard deviation of the rows' time stamps around the times at which they were
             taken, s; at most a tenth of the time between samples.
         reads_first: a row's effort was read before its target arrived, not after.
+        base: what is logged of a base that floats: its `pose`, as motion capture has it; the
+            readings of its `imu` and of foot sensors; or these with the `truth` beside them.
 
     Returns:
         A recording of each experiment, T samples from time 0.
@@ -124,9 +138,17 @@ def run_hardware(
     ends = lead, max(log.values(longest) - lead - len(held), 0)
     sent = np.pad(held, (ends, (0, 0), (0, 0)), "edge")
     seeds = [[seed, i] for i in range(len(commands))]
-    *signals, base, told = _run(model, drives, hidden, sent, lead, stride, seeds)
+    *signals, states, told, soil = _run(model, drives, hidden, sent, lead, stride, seeds)
     rows = log.rows(*signals, count=longest)
-    poses = log.base_rows(base, count=longest)
+    poses = log.base_rows(states, count=longest)
+    step = float(model.opt.timestep)
+    unit = Imu.drawn(np.random.default_rng([seed, len(seeds)]))
+    if poses.size and base != "pose":
+        gravity = model.opt.gravity
+        turned = log.base_rows(
+            felt(states, step=step, stride=stride, gravity=gravity), count=longest
+        )
+        stood = log.base_rows(contacts(soil.loads, step=step), count=longest)
     recordings = []
     for i, (name, command) in enumerate(zip(names, commands, strict=True)):
         rng = np.random.default_rng(seeds[i])
@@ -139,8 +161,15 @@ def run_hardware(
         }
         if swing_of(hidden):
             columns["voltage"] = log.voltage(len(command), swing_of(hidden), rng)
-        if poses.size:
-            columns |= base_readings(poses[: len(command), i], rng)
+        if poses.size and base != "imu":
+            poses_of = poses[: len(command), i]
+            columns |= base_readings(poses_of, rng, exact=base == "truth")
+        if poses.size and base != "pose":
+            columns |= imu_readings(turned[: len(command), i], unit, rate, rng)
+            columns |= {
+                f"{name}/contact": np.rint(stood[: len(command), i, k])
+                for k, name in enumerate(soil.names)
+            }
         time = np.arange(len(command)) / rate
         if jitter:
             time = time + np.clip(jitter * rng.standard_normal(len(time)), -0.4 / rate, 0.4 / rate)
@@ -239,7 +268,7 @@ def _run(
     start: int,
     stride: int,
     seeds: Sequence[Sequence[int]],
-) -> tuple[Array, Array, Array, Array, Companion | None]:
+) -> tuple[Array, Array, Array, Array, Companion | None, _Loads]:
     """Steps all experiments together.
 
     Args:
@@ -254,7 +283,7 @@ def _run(
     Returns:
         Positions and speeds as the encoders read them and reported efforts at each step, shape as
         `sent`; the state of a base that floats, shape (n_steps, n_experiments, 13), else (…, 0);
-        and the computer beside the robot, where there is one.
+        the computer beside the robot, where there is one; and what its feet carry.
     """
     step, n_sims = float(model.opt.timestep), sent.shape[1]
     controller = Controller(drives, hidden, step=step, n_sims=n_sims)
@@ -280,6 +309,7 @@ def _run(
     qpos[:, drives.qpos] = np.clip((sent[0] - drives.offset) / drives.slope, lower, upper)
     position, speed, effort = np.empty((3, *sent.shape))
     base = np.empty((*sent.shape[:2], 0 if free is None else WIDTH))
+    loads = np.zeros((*sent.shape[:2], len(soil.names)))
     if soil.any:
         soil.watch(batch)
     for k, target in enumerate(controller.arriving(sent, start=start)):
@@ -310,6 +340,7 @@ def _run(
             applied[:, stand.dofs] += stand.effort(qpos, qvel)
         if soil.any:
             soil.push(batch)
+            loads[k] = soil.carried
         batch.step(stage=stage)
         if k % _LOOK == 0 or k == len(sent) - 1:
             lost = ~(np.abs(qvel).max(axis=1) < _LOST)
@@ -319,7 +350,8 @@ def _run(
                     f"{k * step - SETTLE:.3f} s after its start; soften the model's gains, hide "
                     "less, or raise substeps"
                 )
-    return position, speed, effort, base, told
+    loads = _Loads(names=soil.names, loads=loads)
+    return position, speed, effort, base, told, loads
 
 
 def _follow_damping(model: mujoco.MjModel, drives: Drives, step: float) -> None:

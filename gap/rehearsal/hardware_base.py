@@ -37,18 +37,24 @@ def free_joint(model: mujoco.MjModel) -> tuple[int, int] | None:
     return int(model.jnt_qposadr[free[0]]), int(model.jnt_dofadr[free[0]])
 
 
-def base_readings(states: Array, rng: np.random.Generator) -> dict[str, Array]:
+def base_readings(
+    states: Array, rng: np.random.Generator, *, exact: bool = False
+) -> dict[str, Array]:
     """Columns of a log.
 
     Args:
         states: without noise, shape (T, 13).
         rng: source of the noise.
+        exact: there is none.
 
     Returns:
         Column to readings, shape (T,).
     """
     position, quaternion, linear, angular = np.split(states, (3, 7, 10), axis=1)
-    noise = {name: std * rng.standard_normal((len(states), 3)) for name, std in BASE_NOISE.items()}
+    noise = {
+        name: (0.0 if exact else std) * rng.standard_normal((len(states), 3))
+        for name, std in BASE_NOISE.items()
+    }
     quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
     for row, turn in zip(quaternion, noise["orientation"], strict=True):
         mujoco.mju_quatIntegrate(row, turn, 1.0)

@@ -32,7 +32,7 @@ SINK: Final = 3e-4
 
 _DAMPED = 0.3  # of critical, for a foot's share of the robot
 _ALONG = 0.7  # stiffness along the ground over that into it
-_EFFECTS = ("ground_friction", "ground_compliance")
+_EFFECTS = ("ground_friction", "ground_compliance", "foot_offset")
 
 
 class Soil:
@@ -40,6 +40,8 @@ class Soil:
 
     Attributes:
         any: whether there are feet at all.
+        names: of the feet's geoms.
+        carried: what the ground pushed up each foot with in the last step, shape (n_sims, n_feet).
     """
 
     def __init__(
@@ -58,6 +60,8 @@ class Soil:
         """
         plane, feet = _feet(model)
         self.any = bool(feet)
+        self.names = tuple(model.geom(foot).name or f"foot_{k}" for k, foot in enumerate(feet))
+        self.carried = np.zeros((n_sims, len(feet)))
         mine = [effect for effect in hidden if effect.effect in _EFFECTS]
         if mine and not self.any:
             raise InputError(
@@ -69,6 +73,8 @@ class Soil:
         self._feet = np.array(feet)
         self._bodies = model.geom_bodyid[self._feet]
         self._roots = model.body_rootid[self._bodies]
+        self._legs = model.body_weldid[self._bodies]
+        self._offset = np.zeros((len(feet), 3))
         self._radius = model.geom_size[self._feet, 0]
         self._level = float(model.geom_pos[plane, 2])
         self._step = step
@@ -78,17 +84,22 @@ class Soil:
         self._stiffness = share * gravity / SINK
         self._friction = np.array([_sliding(model, plane, foot) for foot in feet])
         for effect in mine:
-            if effect.effect == "ground_friction":
-                self._friction[:] = effect.value("friction")
-            else:
-                self._stiffness = effect.value("stiffness")
+            match effect.effect:
+                case "ground_friction":
+                    self._friction[:] = effect.value("friction")
+                case "ground_compliance":
+                    self._stiffness = effect.value("stiffness")
+                case _:
+                    names = [leg for _, leg in feet_and_legs(model)]
+                    shift = [effect.spread(axis, names) for axis in "xyz"]
+                    self._offset += np.stack(shift, axis=1)
         self._damping = 2 * _DAMPED * float(np.sqrt(self._stiffness * share))
         self._stretch = np.zeros((n_sims, len(feet), 2))
         model.geom_contype[self._feet] = model.geom_conaffinity[self._feet] = 0
 
     def watch(self, batch: Any) -> None:
         """Has a batch work out where the feet are and how they move."""
-        for name in ("geom_xpos", "cvel", "subtree_com", "xipos"):
+        for name in ("geom_xpos", "xmat", "cvel", "subtree_com", "xipos"):
             batch.bind(name)
         batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_VEL))
 
@@ -99,6 +110,9 @@ class Soil:
             batch: the simulations, whose velocities are those of now.
         """
         centre = batch.bind("geom_xpos")[:, self._feet]
+        if self._offset.any():
+            turned = batch.bind("xmat")[:, self._legs].reshape(*centre.shape, 3)
+            centre = centre + np.einsum("sfij,fj->sfi", turned, self._offset)
         motion = batch.bind("cvel")[:, self._bodies]
         about = batch.bind("subtree_com")[:, self._roots]
         depth = self._level + self._radius - centre[..., 2]
@@ -121,6 +135,7 @@ class Soil:
             np.where(slips[..., None], -(force + drag * velocity[..., :2]) / along, stretch),
             0.0,
         )
+        self.carried = normal
         pushed = np.concatenate([force, normal[..., None]], axis=-1)
         applied = batch.bind("xfrc_applied")
         lever = point - batch.bind("xipos")[:, self._bodies]
@@ -128,6 +143,15 @@ class Soil:
         wrench = np.concatenate([pushed, np.cross(lever, pushed)], axis=-1)
         for foot, body in enumerate(self._bodies):
             applied[:, body] += wrench[:, foot]
+
+
+def feet_and_legs(model: mujoco.MjModel) -> list[tuple[str, str]]:
+    """Names of a robot's feet, and of the bodies that carry them."""
+    _, feet = _feet(model)
+    legs = (model.body_weldid[model.geom_bodyid[foot]] for foot in feet)
+    return [
+        (model.geom(foot).name, model.body(leg).name) for foot, leg in zip(feet, legs, strict=True)
+    ]
 
 
 def _feet(model: mujoco.MjModel) -> tuple[int, list[int]]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware_drive import Source, load_rig, spec_of
+from walkerkit.gap.rehearsal.hardware_ground import feet_and_legs
 from walkerkit.gap.rehearsal.hardware_log import COUNTS, EFFORT_NOISE, POSITION_NOISE
 from walkerkit.gap.rehearsal.hardware_mount import EFFECT as MOUNT
 from walkerkit.gap.rehearsal.hardware_mount import HINGES, can_be_mounted, mounted
@@ -45,6 +46,7 @@ _SHAKES: Final = (5.0, 12.0)  # Hz, of a robot on its mount
 _SHAKES_OUT: Final = (0.05, 0.2)  # of the critical damping
 _SKEW: Final = (0.0005, 0.0015)
 _SLIPPERY: Final = (0.25, 0.45)  # as of wet tiles
+_ELSEWHERE: Final = (0.008, 0.02)  # m, of a foot on its leg
 _SINK: Final = (0.003, 0.01)  # m, of each of four feet that carry a robot
 _KNOWN = {**HIDEABLE, **GROUND, **NAMELESS}
 _NOISE = {
@@ -134,6 +136,8 @@ def draw_hidden(
             )
         case "payload" | "com_offset":
             return _on_a_body(effect, model, rng, places)
+        case "foot_offset":
+            return _of_a_foot(model, rng, places)
         case "ground_friction":
             return HiddenEffect(effect=effect, values={"friction": rng.uniform(*_SLIPPERY)})
         case "ground_compliance":
@@ -161,6 +165,24 @@ def draw_hidden(
 
 def _is_mounted(source: Source) -> bool:
     return not isinstance(source, mujoco.MjModel) and can_be_mounted(spec_of(source))
+
+
+def _of_a_foot(
+    model: mujoco.MjModel, rng: np.random.Generator, places: Sequence[str] | None
+) -> HiddenEffect:
+    """A foot that is elsewhere on its leg, mostly along it, as one of another length is."""
+    legs = list(dict.fromkeys(leg for _, leg in feet_and_legs(model)))
+    if not legs:
+        raise InputError(
+            "foot_offset is hidden, and the robot has no feet: give it a free joint, spheres to "
+            "stand on and a level plane."
+        )
+    leg = places[0] if places else legs[int(rng.integers(len(legs)))]
+    direction = rng.standard_normal(3) + np.array([0.0, 0.0, 2 * rng.choice([-1.0, 1.0])])
+    shift = rng.uniform(*_ELSEWHERE) * direction / np.linalg.norm(direction)
+    return HiddenEffect(
+        effect="foot_offset", bodies=(leg,), values=dict(zip("xyz", map(float, shift), strict=True))
+    )
 
 
 def loudness(

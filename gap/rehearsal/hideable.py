@@ -168,10 +168,12 @@ GROUND: Final[Mapping[str, Hideable]] = MappingProxyType(
         "ground_compliance": Hideable(
             on="world", parameters=(_above("stiffness", "N/m", grows=-1),)
         ),
+        "foot_offset": Hideable(on="bodies", parameters=tuple(_any(axis, "m") for axis in "xyz")),
     }
 )
 """What can be hidden under a robot that stands on its feet: the coefficient of friction that they
-have in the place of the model's, and the stiffness of the ground under each foot."""
+have in the place of the model's, the stiffness of the ground under each foot, and how far a foot is
+from where the model has it, in the frame of the body that carries it."""
 
 NOT_THE_ROBOTS: Final[Mapping[str, str]] = MappingProxyType(
     {

@@ -69,6 +69,7 @@ def rehearse(
     seed: int = 0,
     seconds: float = SECONDS,
     allow_outside: bool = False,
+    imu: bool = False,
 ) -> Rehearsal:
     """Draws what to hide, and records the experiments.
 
@@ -80,6 +81,8 @@ def rehearse(
         seed: of the draw, the experiments and the noise.
         seconds: length of each experiment.
         allow_outside: the model's meshes and included files may lie outside of its folder.
+        imu: of a robot that floats, the recordings have what an inertial unit (with bias and noise)
+            and foot sensors read, in place of its pose.
 
     Returns:
         The recordings and what is hidden in them.
@@ -94,7 +97,7 @@ def rehearse(
             f"seconds is {seconds:g}; an experiment takes at least 1 s and at most {LONGEST:g} s."
         )
     rng = np.random.default_rng(seed)
-    floating = any(name in GROUND for name in names)
+    floating = imu or any(name in GROUND for name in names)
     robot = load_robot(model, floating=floating, allow_outside=allow_outside)
     _check_as_given(robot)
     if robot.programs or robot.laws or any(d.late for j in robot.joints.values() for d in j.drives):
@@ -102,6 +105,11 @@ def rehearse(
             f"{model}: the walker has laws or delays that run in Python, which rehearsed hardware "
             "would lack. Give one with MuJoCo's actuators alone, or record the walker itself with "
             "gap.record."
+        )
+    if imu and robot.base is None:
+        raise InputError(
+            f"{model}: it has no free joint, so that no inertial unit moves. Give a robot that "
+            "floats, or leave imu out."
         )
     try:
         Drives(robot.model)
@@ -122,7 +130,7 @@ def rehearse(
                 robot.spec, sent, rng, choice, nominal=nominal, seed=seed, substeps=substeps
             )
             hidden.append(effect)
-        if len(hidden) > 1:
+        if len(hidden) > 1 or imu:
             try:
                 recordings = run_hardware(
                     robot.spec,
@@ -131,6 +139,7 @@ def rehearse(
                     hidden=hidden,
                     names=EXPERIMENTS,
                     substeps=substeps,
+                    base="imu" if imu else "pose",
                 )
             except RuntimeError:
                 raise InputError(

@@ -18,7 +18,7 @@ from walkerkit.gap.search.numerical_error import Way
 from walkerkit.gap.search.objective import Objective, refine
 from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.structure import Fit, Structure
-from walkerkit.gap.simulation.channel import Channel, base_channels
+from walkerkit.gap.simulation.channel import Channel, base_channels, estimate_error
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
 from walkerkit.gap.simulation.latest import Latest
@@ -28,7 +28,10 @@ from walkerkit.gap.simulation.robot import Robot
 FloatArray = NDArray[np.float64]
 
 # Velocity comes from the same encoder and adds its filter's lag.
-_SCORED = ("position", "effort", "base_position", "base_orientation")
+_SCORED = (
+    *("position", "effort"),
+    *("base_position", "base_orientation", "base_angular_velocity"),
+)
 _MOST_STEPS = 40_000
 _TIMESTEP = 2e-3  # s, MuJoCo's own; parts are simulated no finer where that tells as much
 _MOST_WHOLE = 80_000
@@ -341,4 +344,5 @@ def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.No
     present = [column for column in columns if column is not None]
     found = noise.estimate(present)
     largest = max([1.0, *(float(np.abs(column).max()) for column in present)])
-    return replace(found, std=max(found.std, _RESOLUTION * largest))
+    std = float(np.hypot(found.std, estimate_error(recordings, channel)))
+    return replace(found, std=max(std, _RESOLUTION * largest))

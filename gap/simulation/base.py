@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError
 
@@ -26,6 +27,29 @@ class Base:
     id: int
     qpos: int
     dof: int
+
+
+def imu_mounting(
+    model: mujoco.MjModel, body: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where an inertial unit is on a base: at the site `imu`, else at the base's origin.
+
+    Args:
+        model: the model.
+        body: id of the base, or of what the base is welded to.
+
+    Returns:
+        Its place in the base's frame, (3,) m, and the rotation from its frame to that, (3, 3).
+    """
+    for site in range(model.nsite):
+        name = model.site(site).name.rpartition("/")[2]
+        if name == "imu" and model.body_weldid[model.site_bodyid[site]] == body:
+            data = mujoco.MjData(model)
+            mujoco.mj_kinematics(model, data)
+            turned = data.xmat[body].reshape(3, 3).T
+            place = turned @ (data.site_xpos[site] - data.xpos[body])
+            return place, turned @ data.site_xmat[site].reshape(3, 3)
+    return np.zeros(3), np.eye(3)
 
 
 def find_base(model: mujoco.MjModel, source: str) -> Base | None:

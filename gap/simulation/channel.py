@@ -23,6 +23,7 @@ _UNITS = {  # on a hinge, on a slide joint
     "effort": ("N·m", "N"),
     "base_position": ("m", "m"),
     "base_orientation": ("rad", "rad"),
+    "base_angular_velocity": ("rad/s", "rad/s"),
 }
 
 
@@ -45,7 +46,7 @@ class Channel:
 
     @property
     def quantity(self) -> str:
-        """The signal, or `base_position` or `base_orientation` for all axes of the base's."""
+        """The signal, or such as `base_orientation` for all axes of the base's."""
         return f"base_{self.signal.rpartition('_')[0]}" if self.of_base else self.signal
 
     def unit(self, *, slide: bool = False) -> str:
@@ -61,6 +62,12 @@ class Channel:
 
 def base_channels(recordings: Sequence[Recording]) -> tuple[Channel, ...]:
     """The base's channels, none where no recording has its pose."""
-    if all(base.missing(recording) for recording in recordings):
-        return ()
-    return tuple(Channel(joint=base.BASE, signal=signal) for signal in base.SIGNALS)
+    found = {signal for recording in recordings for signal in base.compared(recording)}
+    return tuple(Channel(joint=base.BASE, signal=s) for s in base.SIGNALS if s in found)
+
+
+def estimate_error(recordings: Sequence[Recording], channel: Channel) -> float:
+    """Standard deviation of a channel of the base for its having been estimated, 0 for none."""
+    name = f"{channel.joint}/{channel.signal}"
+    stds = [r.errors[name] for r in recordings if channel.of_base and name in r.errors]
+    return float(np.sqrt(np.mean(np.concatenate(stds) ** 2))) if stds else 0.0

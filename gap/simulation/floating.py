@@ -2,7 +2,7 @@
 
 base = FloatingBase(robot, segments, states)
 pose, velocity = base.start(lead)         # (n, n_segments, 7) and (n, n_segments, 6)
-base.shown(poses, s, rows, index)         # (n, rows, 6): base.SIGNALS of segment s
+base.shown(poses, turning, s, index)      # (n, rows, 9): base.SIGNALS of segment s
 
 In each log the ground is at the height that lets it carry the robot at the starts of the typical
 segment (`footing`), under every variant of the robot. So what the base does is compared, and not
@@ -12,20 +12,22 @@ by 0.8 mrad with it, as with logs that were right.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.errors import InputError
+from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.base import BaseState, angles, missing, quaternions, turned
+from walkerkit.gap.recordings.imu import WHAT_TO_LOG, has_imu, of_feet
 from walkerkit.gap.recordings.recording import BASE as BASE_COLUMNS
-from walkerkit.gap.recordings.recording import Recording
+from walkerkit.gap.recordings.recording import IMU, Recording
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.base import Base
+from walkerkit.gap.simulation.feet import find_feet
 from walkerkit.gap.simulation.footing import Footing
 from walkerkit.gap.simulation.interpolate import at_index
 from walkerkit.gap.simulation.robot import Robot
@@ -110,25 +112,30 @@ class FloatingBase:
         state[:, self.footing.height] += raised.ravel()
         return raised.ravel()
 
-    def shown(self, poses: FloatArray, s: int, index: FloatArray) -> FloatArray:
+    def shown(
+        self, poses: FloatArray, turning: FloatArray, s: int, index: FloatArray
+    ) -> FloatArray:
         """What the log of one segment would show.
 
         Args:
             poses: (n, steps, 7) simulated.
+            turning: (n, steps, 3) simulated angular velocities in the base's frame [rad/s].
             s: number of the segment.
             index: (n, rows) or (1, rows) fractional steps of its samples.
 
         Returns:
-            (n, rows, 6) position [m], and roll, pitch and yaw [rad]: the measured ones and, about
-            the measured base's own axes, the rotation from there to the simulated orientation.
+            (n, rows, 9) position [m]; roll, pitch and yaw [rad]: the measured ones and, about the
+            measured base's own axes, the rotation from there to the simulated orientation; and
+            angular velocity [rad/s].
         """
         segment = self._segments[s]
         at = np.stack([at_index(poses[..., k], index) for k in range(7)], axis=-1)
+        spin = np.stack([at_index(turning[..., k], index) for k in range(3)], axis=-1)
         measured = self._measured[id(segment.recording)]
         now = measured[segment.first : segment.last]
         error = turned(now, at[..., 3:])
         return np.concatenate(
-            [at[..., :3], angles(measured)[segment.first : segment.last] + error], -1
+            [at[..., :3], angles(measured)[segment.first : segment.last] + error, spin], -1
         )
 
     def _acceleration(
@@ -153,21 +160,46 @@ def suited(robot: Robot, recording: Recording) -> Recording:
     """A recording as the robot can use it: with its base where it floats, else without.
 
     Raises:
-        InputError: the robot floats, and the recording lacks a part of its base's pose.
+        InputError: the robot floats, and the recording has neither its base's pose nor what that
+            could be estimated from.
     """
+    feet = of_feet(recording)
+    sensors = [f"{foot}/{signal}" for foot, signals in feet.items() for signal in signals]
     if robot.base is None:
-        kept = {name: v for name, v in recording.columns.items() if name not in BASE_COLUMNS}
-        dropped = tuple(name for name in recording.columns if name in BASE_COLUMNS)
-        if not dropped:
-            return recording
-        return replace(recording, columns=kept, unused=(*recording.unused, *dropped))
+        return _without(recording, (*BASE_COLUMNS, *IMU, *sensors))
     lacking = missing(recording)
-    if lacking:
+    if not lacking:
+        return _without(recording, (*IMU, *sensors))
+    if not has_imu(recording):
+        some = [name for name in (*BASE_COLUMNS, *IMU) if name in recording.columns]
         raise InputError(
             f"{recording.source or recording.name}: body {robot.base.body!r} floats in "
             f"{robot.source}, and the recording lacks {lacking[0]!r}"
             + (f" and {len(lacking) - 1} more columns of its pose" if lacking[1:] else "")
-            + ". Log where the base is, or hang the robot up for the recording and remove the "
-            "free joint."
+            + (f"; {some[0]!r} alone does not tell how it moves" if some else "")
+            + f". Log where the base is; or {WHAT_TO_LOG}; or hang the robot up for the recording "
+            "and remove the free joint."
         )
-    return recording
+    known = {name for foot in find_feet(robot.model, robot.base) for name in foot.names}
+    strangers = [foot for foot in feet if foot not in known]
+    if strangers:
+        notes = (
+            f"no foot of {robot.source} is called {foot!r}{closest(foot, known)}, so its "
+            f"{' and '.join(feet[foot])} is not used; feet are {', '.join(sorted(known))}"
+            for foot in strangers
+        )
+        recording = replace(recording, notes=(*recording.notes, *notes))
+    # Only the estimate reads these: what is left of a pose would contradict it.
+    return _without(
+        recording,
+        (*BASE_COLUMNS, *(f"{foot}/{signal}" for foot in strangers for signal in feet[foot])),
+    )
+
+
+def _without(recording: Recording, columns: Collection[str]) -> Recording:
+    """A recording without some columns, which become `unused`."""
+    dropped = tuple(name for name in recording.columns if name in columns)
+    if not dropped:
+        return recording
+    kept = {name: v for name, v in recording.columns.items() if name not in dropped}
+    return replace(recording, columns=kept, unused=(*recording.unused, *dropped))

@@ -266,14 +266,7 @@ def _actuator_writer(name: str) -> Writer:
 
 def _inertial_writer(name: str) -> Writer:
     def writer(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
-        compiler = spec.compiler
-        always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-        if compiler.inertiafromgeom == always or compiler.settotalmass > 0:
-            # These would undo the change, so all bodies say what they have come to.
-            compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
-            compiler.settotalmass = -1
-            for body in np.flatnonzero(robot.model.body_mass):
-                state_inertia(_by_id(spec.bodies, int(body)), robot.model)
+        _state_inertias(spec, robot)
         for body in np.flatnonzero((wanted != before).reshape(len(wanted), -1).any(axis=1)):
             element = _by_id(spec.bodies, int(body))
             if not element.explicitinertial:
@@ -281,6 +274,17 @@ def _inertial_writer(name: str) -> Writer:
             setattr(element, name, wanted[body])
 
     return writer
+
+
+def _state_inertias(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Has all bodies say what they have come to, where the compiler would undo a change."""
+    compiler = spec.compiler
+    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if compiler.inertiafromgeom == always or compiler.settotalmass > 0:
+        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        compiler.settotalmass = -1
+        for body in np.flatnonzero(robot.model.body_mass):
+            state_inertia(_by_id(spec.bodies, int(body)), robot.model)
 
 
 def _contact_writer(elements: str, name: str) -> Writer:
@@ -291,6 +295,24 @@ def _contact_writer(elements: str, name: str) -> Writer:
             setattr(_by_id(getattr(spec, elements), int(number)), name, wanted[number])
 
     return writer
+
+
+def _write_places(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+    """Moves geoms, and no mass with them."""
+    for number in np.flatnonzero((wanted != before).any(axis=1)):
+        body = _by_id(spec.bodies, int(robot.model.geom_bodyid[number]))
+        _state_inertias(spec, robot)
+        if not body.explicitinertial:
+            state_inertia(body, robot.model)
+        geom, shift = _by_id(spec.geoms, int(number)), wanted[number] - before[number]
+        if np.isfinite(geom.fromto).all():
+            geom.fromto = geom.fromto + np.tile(shift, 2)
+        else:
+            geom.pos = geom.pos + shift
+
+
+def _left_to_the_compiler(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
+    """What the compiler finds by itself."""
 
 
 def _write_gravity(spec: mujoco.MjSpec, robot: Robot, before: Field, wanted: Field) -> None:
@@ -317,6 +339,8 @@ _WRITERS: Mapping[str, Writer] = {
     "qpos_spring": _joint_writer(_set_angle("springref"), lambda joint: joint.qpos),
     "body_mass": _inertial_writer("mass"),
     "body_ipos": _inertial_writer("ipos"),
+    "geom_pos": _write_places,
+    "geom_sameframe": _left_to_the_compiler,
     "opt.gravity": _write_gravity,
     **{
         f"{element}_{name}": _contact_writer(f"{element}s", name)

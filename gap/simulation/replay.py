@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drivetrain import IntegralAction
-from walkerkit.gap.recordings.base import SIGNALS
+from walkerkit.gap.recordings.base import SIGNALS, TURNING
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.simulation.channel import Channel as Channel
 from walkerkit.gap.simulation.commands import Hold
@@ -250,7 +250,10 @@ class Replay:
             driven = group.ctrl[:, group.past, : model.nu], group.applied[:, group.past]
             carried = loads(trials, group.played, joints, group.starts, driven)
             bend(state, trials, fields, group.played, carried)
-        record = sorted({"qpos", *(_RECORDS[c.signal] for c in self.channels if not c.of_base)})
+        of_base = [c for c, channel in enumerate(self.channels) if channel.of_base]
+        turns = any(self.channels[c].signal in TURNING for c in of_base)
+        needed = {_RECORDS[c.signal] for c in self.channels if not c.of_base}
+        record = sorted({"qpos", *needed, *(["qvel"] if turns else [])})
         each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
         stepwise = laws is not None and laws.runs
         applied = group.feed_forward(trials, lead, steps)
@@ -301,11 +304,16 @@ class Replay:
             poses = records["qpos"][..., group.base.addresses[0]]
             poses[..., 2] -= raised.reshape(n, n_segments, 1)
             poses = np.concatenate([pose[:, :, None], poses], axis=2)
-            of_base = [c for c, channel in enumerate(self.channels) if channel.of_base]
+            spins = np.zeros((*poses.shape[:3], 3))
+            if turns:
+                simulated = records["qvel"][..., group.base.addresses[1][3:]]
+                spins = np.concatenate([velocity[:, :, None, 3:], simulated], axis=2)
             which = [SIGNALS.index(self.channels[c].signal) for c in of_base]
             for s, span in enumerate(group.rows):
                 at = (self.time_of_row[span] + lead[:, [s]]) / step
-                out[:, span, of_base] = group.base.shown(poses[:, s], s, at)[..., which]
+                out[:, span, of_base] = group.base.shown(poses[:, s], spins[:, s], s, at)[
+                    ..., which
+                ]
 
         def field(name: str) -> NDArray[Any]:
             return fields[name] if name in fields else trials.own(name)

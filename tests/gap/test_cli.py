@@ -797,7 +797,8 @@ def test_simulate_says_which_robots_and_effects_it_takes(run: Run, folder: Path)
     outcome = run("simulate", "muscle.xml")
     refused(outcome, "muscle.xml", "is neither a plain servo nor a plain motor", "Rehearse with")
     told = " ".join(run("simulate", "--help").out.split())
-    for word in ("timestep", "ground_friction", "ground_compliance", "motors"):
+    words = ("timestep", "ground_friction", "ground_compliance", "foot_offset", "motors")
+    for word in words:
         assert word in told
 
 

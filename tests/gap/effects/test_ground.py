@@ -99,6 +99,77 @@ class TestGroundCompliance(EffectContract):
         return {EVERYWHERE: [1 / 12 - 0.02, -0.3]}
 
 
+STAND = """
+<mujoco><compiler angle="{angle}"/><option timestep="0.002" integrator="implicitfast"/>
+<worldbody><geom name="floor" type="plane" size="0 0 1"/>
+<body name="table" pos="0 0 0.7"><freejoint name="root"/>
+  <geom type="box" size="0.4 0.3 0.02" mass="40" contype="0" conaffinity="0"/>
+  <geom size="0.02" pos="-0.4 0.3 -0.68" mass="0.2"/>
+  <geom size="0.02" pos="-0.4 -0.3 -0.68" mass="0.2"/>
+  <geom size="0.02" pos="0.4 0 -0.68" mass="0.2"/>
+<body name="thigh"><joint name="hip" axis="1 0 0" damping="0.2" armature="0.01" {hip}/>
+  <geom type="capsule" fromto="0 0 0 0.05 0 -0.3" size="0.03" mass="1"/>
+  <body name="shank" pos="0 0 -0.3"><joint name="knee" axis="0 1 0" damping="0.1" {knee}/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.35" size="0.015" mass="0.5"/>{toe}
+  </body></body></body>
+</worldbody><contact>{contact}</contact><actuator>{actuators}</actuator></mujoco>
+"""
+SOFT = 'mass="0.05" priority="1" friction="0.1" solref="0.06 1"'
+BALL = f'<geom name="toe" size="0.02" pos="0 0 -0.42" {SOFT}/>'
+# Welded on askew, given by its ends, with a contact pair of its own.
+BAR = f"""<body name="ankle" pos="0 0 -0.42" euler="90 0 0">
+<geom name="toe" type="capsule" size="0.02" fromto="-0.01 0 0 0.02 0 0" {SOFT}/></body>"""
+PAIR = '<pair geom1="toe" geom2="floor" friction="0.1 0.1 0.005 0.0001 0.0001" solref="0.06 1"/>'
+
+
+def stand_of(variant, toe, contact=""):
+    text = STAND.format(toe=toe, contact=contact, **variant)
+    robot = robot_from_spec(mujoco.MjSpec.from_string(text), "stand.xml")
+    recording = Machine(robot).log()
+    return replace(robot, excursions=excursions(robot, [recording], JOINTS)), recording
+
+
+class TestFootOffset(EffectContract):
+    """A table on three feet, and on a leg with a fourth that comes and goes."""
+
+    may_be_out_of_reach = True
+
+    name = "foot_offset"
+    noises_left = NOISES_LEFT
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def plain(cls):
+        return stand_of(PLAIN, BALL)
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def awkward(cls):
+        return stand_of(AWKWARD, BAR, PAIR)
+
+    def plant(self, machine):
+        machine.model.geom("toe").pos += (-0.004, -0.003, -0.012)
+        return {"shank": [-0.004, -0.003, -0.012]}
+
+
+def test_a_foot_moves_with_its_shank_however_it_is_fixed_there():
+    shift = np.array([0.003, -0.005, 0.007])
+    for robot, _ in (stand_of(PLAIN, BALL), stand_of(AWKWARD, BAR, PAIR)):
+        trials = Trials(robot, 2)
+        CATALOGUE["foot_offset"].apply(trials, "shank", np.stack([np.zeros(3), shift]))
+        at = []
+        for row in range(2):
+            model = robot.spec.copy().compile()
+            for name, values in trials.fields.items():
+                getattr(model, name)[:] = values[row]
+            data = mujoco.MjData(model)
+            data.qpos[7:] = (0.3, -0.4)
+            mujoco.mj_kinematics(model, data)
+            frame = data.xmat[model.body("shank").id].reshape(3, 3)
+            at.append(data.geom_xpos[model.geom("toe").id].copy())
+        np.testing.assert_allclose(at[1] - at[0], frame @ shift, atol=1e-12)
+
+
 @pytest.mark.parametrize("make", [slippery, lambda: awkward_table(0.1)])
 @pytest.mark.parametrize(
     ("name", "values"), [("ground_friction", [-0.03]), ("ground_compliance", [0.03, -0.2])]

@@ -553,7 +553,7 @@ def test_rows_of_binary_files_have_no_line(tmp_path: Path, suffix: str) -> None:
             {"knee__position": None, "knee__position_target": None, "knee_position": np.zeros(5)},
             ("no joint", "'<joint>/position'", "there are 'knee_position'", "such as"),
         ),
-        ({"base__quaternion_w": np.ones(5)}, ("lacks 'base/quaternion_x'", "all four")),
+        ({"base__quaternion_w": np.ones(5)}, ("lacks 'base/quaternion_x'", "all 4 columns")),
         (
             {f"base__quaternion_{axis}": np.ones(5) for axis in "wxyz"},
             ("quaternion", "norm 2 at row 1", "unit"),

@@ -102,7 +102,10 @@ def sized(robot, *recordings):
 
 
 # A ground to stand on, drives that all have a limit, or a voltage in the log.
-NEED_MORE = {"ground_compliance", "ground_friction", "supply_sag", "supply_voltage"}
+NEED_MORE = {
+    *("foot_offset", "ground_compliance", "ground_friction"),
+    *("supply_sag", "supply_voltage"),
+}
 
 
 class TestStructure:

@@ -56,7 +56,7 @@ ELSEWHERE = {
     # A replay begins on a mount that the robot's weight has bent, an episode on a straight one.
     "mount_compliance",
     # The machine stands on nothing.
-    *("ground_friction", "ground_compliance"),
+    *("ground_friction", "ground_compliance", "foot_offset"),
     # A replay begins when the integrator has settled, an episode with an empty one.
     "integral_action",
 }
