@@ -350,8 +350,7 @@ def _run(
                     f"{k * step - SETTLE:.3f} s after its start; soften the model's gains, hide "
                     "less, or raise substeps"
                 )
-    loads = _Loads(names=soil.names, loads=loads)
-    return position, speed, effort, base, told, loads
+    return position, speed, effort, base, told, _Loads(names=soil.names, loads=loads)
 
 
 def _follow_damping(model: mujoco.MjModel, drives: Drives, step: float) -> None:
