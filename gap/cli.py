@@ -63,6 +63,26 @@ Map = Annotated[
     Path | None,
     typer.Option("--map", help="How logs of other formats are read, as `import` writes it."),
 ]
+Known = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="EFFECT[:PLACE]",
+        help="An effect, or a number such as mass:calf, that is right in the model: it is not "
+        "changed. May be given several times.",
+    ),
+]
+Doubt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="EFFECT[:PLACE]",
+        help="An effect or a number of whose size nothing is known: naming it costs nothing. May "
+        "be given several times.",
+    ),
+]
+Explain = Annotated[
+    bool,
+    typer.Option("--explain", help="Print the table by which the structures were compared."),
+]
 Window = Annotated[
     float,
     typer.Option(help="Seconds between restarts where joints are driven by effort."),
@@ -190,12 +210,15 @@ def diagnose(
     out: Out = Path("walkerkit-diagnosis"),
     window: Window = 0.5,
     effect: Effects = None,
+    known: Known = None,
+    doubt: Doubt = None,
     traces: Traces = None,
     threads: Threads = 0,
     overwrite: Overwrite = False,
     allow_code: AllowCode = False,
     allow_outside: AllowOutside = False,
     json: Json = False,
+    explain: Explain = False,
 ) -> None:
     """Find where simulation and recordings disagree, name why, and mend the model.
 
@@ -217,6 +240,8 @@ def diagnose(
             column_map=column_map,
             window=window,
             effects=effect,
+            known=known or (),
+            doubt=doubt or (),
             n_threads=threads,
             allow_code=allow_code,
             allow_outside=allow_outside,
@@ -227,6 +252,8 @@ def diagnose(
     for path in traces or ():
         write_traces(result.diagnosis.traces, path)
     _print_result(result, as_json=json)
+    if explain:
+        _explain(result)
     if not json:
         _console().print(f"Written to {out}", markup=False, soft_wrap=True)
 
@@ -548,6 +575,13 @@ def _progress() -> Iterator[Progress]:
     """The bar for one piece of work."""
     with _bar() as bar:
         yield _stages(bar)
+
+
+def _explain(result: Any) -> None:
+    """Prints the most probable structures on standard error, so that --json stays JSON."""
+    from walkerkit.gap.report.console import comparison_table
+
+    _console(sys.stderr).print(comparison_table(result.comparison))
 
 
 def _print_result(result: Any, *, as_json: bool) -> None:

@@ -46,6 +46,7 @@ from walkerkit.gap.report.diagnosis import Diagnosis
 from walkerkit.gap.report.notes import warning_notes
 from walkerkit.gap.report.output import DIAGNOSES, main_files
 from walkerkit.gap.report.result import Result, summarise
+from walkerkit.gap.search.beliefs import NOTHING, Beliefs
 from walkerkit.gap.search.buildable import buildable
 from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
@@ -81,6 +82,7 @@ class Setup:
         robots: one per experiment.
         fitted, held_out: recordings per experiment.
         experiments: models and recordings as they were given.
+        beliefs: what the user knows or doubts.
         window: seconds after which replays restart, or None for whole rollouts.
         n_threads: threads of the simulation, 0 for all cores.
     """
@@ -91,6 +93,7 @@ class Setup:
     window: float | None
     n_threads: int
     experiments: tuple[Experiment, ...]
+    beliefs: Beliefs = NOTHING
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
@@ -114,7 +117,7 @@ class Setup:
 
     def problem(self, hold: Hold) -> Problem:
         """The comparison under one reading of the targets between their samples."""
-        return build(
+        problem = build(
             self.robots,
             self.fitted,
             self.held_out,
@@ -122,6 +125,7 @@ class Setup:
             hold=hold,
             n_threads=self.n_threads,
         )
+        return replace(problem, beliefs=self.beliefs)
 
 
 @on_one_thread
@@ -134,6 +138,8 @@ def diagnose(
     column_map: str | Path | None = None,
     window: float = WINDOW,
     effects: OneOrMoreEffects | None = None,
+    known: str | Sequence[str] = (),
+    doubt: str | Sequence[str] = (),
     n_threads: int = 0,
     allow_code: bool = False,
     allow_outside: bool = False,
@@ -155,6 +161,9 @@ def diagnose(
             base floats.
         effects: the effects to consider, or one: names, or effects of your own; all by default, to
             which those belong that you have defined.
+        known: effects or numbers that are right in the model and are not changed, as "payload",
+            or "mass:calf" of one place.
+        doubt: effects or numbers of whose size nothing is known; naming them costs nothing.
         n_threads: threads of the simulation, and processes of its laws, 0 for all cores. Results
             do not depend on it.
         allow_code: a manifest may name `package.module:callable` as a model.
@@ -188,6 +197,7 @@ def diagnose(
             allow_outside=allow_outside,
         )
         chosen = _effects(effects)
+        setup = replace(setup, beliefs=Beliefs.of(known, doubt))
 
         def run() -> Result:
             result = _search(setup, chosen, progress)
@@ -201,7 +211,11 @@ def diagnose(
         key = run_key(
             setup.robots,
             (*setup.fitted, *setup.held_out),
-            (kind, setup.window, setup.may_split_in_time, [identity(effect) for effect in chosen]),
+            (
+                *(kind, setup.window, setup.may_split_in_time),
+                [identity(effect) for effect in chosen],
+                *([repr(setup.beliefs)] if setup.beliefs else []),
+            ),
         )
         files = main_files(setup.robots)
         with claimed(Path(out), key, files, overwrite=overwrite, kind=kind) as save:
@@ -461,6 +475,7 @@ def _named(
     known = _known_hold(setup.robots)
     first = setup.problem(known or "zero_order")
     possible, left_out = buildable(effects, first.robots, first.joints)
+    setup.beliefs.check(possible, first.robots, first.joints)
 
     def problem(hold: Hold) -> Problem:
         return first if hold == first.hold else setup.problem(hold)

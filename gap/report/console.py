@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 from typing import Literal
 
+import pandas as pd
 from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
@@ -22,12 +23,28 @@ from walkerkit.gap.report.diagnosis import Diagnosis, Hint, NamedEffect
 from walkerkit.gap.report.quantity import percent, quantity
 
 _TOP = 3  # locations shown
+_STRUCTURES = 10  # of a comparison
 VERDICT_STYLES = {
     "explained": "bold green",
     "no_gap": "bold green",
     "partly_explained": "bold yellow",
     "unexplained": "bold red",
 }
+
+
+def comparison_table(comparison: pd.DataFrame) -> RenderableType:
+    """The most probable structures of a search as a table: see docs/decision.md."""
+    table = Table("structure", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    for column in ("elpd", "difference", "weight"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for row in comparison.head(_STRUCTURES).to_dict("records"):
+        table.add_row(
+            row["structure"],
+            f"{row['elpd']:.1f}",
+            f"{row['difference']:.1f} ± {row['se']:.1f}",
+            percent(row["weight"]),
+        )
+    return Group(heading("Structures that were compared, the most probable first"), table)
 
 
 def render(diagnosis: Diagnosis) -> RenderableType:
@@ -40,10 +57,12 @@ def render(diagnosis: Diagnosis) -> RenderableType:
         Text(f"Wiring: {sentence}\n", style="bold") for sentence in wording.wiring(diagnosis)
     ]
     parts.append(verdict)
+    if wording.unknown(diagnosis):
+        parts.append(Text(wording.unknown(diagnosis)))
     if diagnosis.locations and diagnosis.verdict != "no_gap":
         parts += [heading("Where"), _locations(diagnosis)]
     if diagnosis.effects:
-        parts += [heading("Effects, in the order in which they were added"), _effects(diagnosis)]
+        parts += [heading("Effects, the surest first"), _effects(diagnosis)]
         parts += [Text(warning) for warning in wording.warnings(diagnosis)]
     written = _changes(diagnosis)
     if written.row_count:

@@ -319,6 +319,16 @@ def separation(sigmas: float) -> str:
     return f"{sigmas:.1f} standard deviations{sure}"
 
 
+def unknown(diagnosis: Diagnosis) -> str:
+    """How probable it is that something is missing that has no name here, a sentence or ""."""
+    if diagnosis.unknown is None:
+        return ""
+    return (
+        f"That something is missing besides, which the catalogue cannot name, is "
+        f"{percent(diagnosis.unknown)} probable."
+    )
+
+
 def sure(confidence: float) -> str:
     """A confidence; resampling cannot say that anything is certain."""
     return percent(min(confidence, _MOST_SURE))

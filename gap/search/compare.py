@@ -58,7 +58,12 @@ class Member:
     @property
     def log_prior(self) -> float:
         """Log prior odds: what is rare costs more than what every model has a little wrong."""
-        return sum(log_prior(name, len(places)) for name, places in self.effects.items())
+        doubted = {t.effect.name for t in self.fit.structure.terms if t.doubted}
+        return sum(
+            log_prior(name, len(places))
+            for name, places in self.effects.items()
+            if name not in doubted
+        )
 
 
 def log_prior(effect: str, places: int) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.fit import Progress, polish
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Fit, Structure, candidate_terms, carried
+from walkerkit.gap.search.structure import Fit, Structure, carried
 
 _PASSES = 2  # of fitting and finding the numerical error again
 
@@ -38,7 +38,7 @@ def ground(
         Their most probable values, on all recordings that are fitted.
     """
     ordinary = [effect for effect in effects if effect.ordinary]
-    terms = candidate_terms(ordinary, problem.robots, problem.joints)
+    terms = problem.terms(ordinary)
     if not terms:
         return nothing
     structure = Structure((*nothing.structure.terms, *terms), problem.robots)

@@ -19,7 +19,7 @@ from walkerkit.gap.search.fit import Progress, evaluate, polished
 from walkerkit.gap.search.naming import Explanation, leaves_nothing, name_effects
 from walkerkit.gap.search.objective import refine
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Fit, Structure, candidate_terms, carried
+from walkerkit.gap.search.structure import Fit, Structure, carried
 from walkerkit.gap.simulation.commands import Hold
 
 FloatArray = NDArray[np.float64]
@@ -134,7 +134,7 @@ def _beside_a_free_drive(problem: Problem, known: Structure, values: FloatArray)
     """What was known and a drive whose numbers are free, to be fitted."""
     present = {term.effect.name for term in known.terms}
     effects = [CATALOGUE[name] for name in _FLEXIBLE if name not in present]
-    terms = candidate_terms(effects, problem.robots, problem.joints)
+    terms = problem.terms(effects)
     structure = Structure((*known.terms, *terms), problem.robots)
     return Fit(
         structure=structure,

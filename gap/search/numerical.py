@@ -12,7 +12,7 @@ import numpy as np
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Case, Fit, candidate_terms
+from walkerkit.gap.search.structure import Case, Fit
 
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _NEARLY_NOTHING = 0.1  # of all joints', where it was nothing else
@@ -28,11 +28,7 @@ def as_simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit)
     anything is left, as of a log of another simulator: another integrator may stand in for what is
     really missing, as a drive's damping.
     """
-    terms = [
-        term
-        for term in candidate_terms(effects, problem.robots, problem.joints)
-        if not term.effect.fitted
-    ]
+    terms = [term for term in problem.terms(effects) if not term.effect.fitted]
     objective = problem.fit.objective
     before = objective.as_it_is([nothing.case])[0][0]
     before = np.where(np.isnan(before), np.inf, before)  # a model that diverges

@@ -9,15 +9,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.effects import Effect
 from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
+from walkerkit.gap.search.beliefs import NOTHING, Beliefs
 from walkerkit.gap.search.excerpt import Gaps, representative, spread
 from walkerkit.gap.search.half import REMADE, STRETCH, Half, Remake, Searched, other_ways
 from walkerkit.gap.search.numerical_error import Way
 from walkerkit.gap.search.objective import Objective, refine
 from walkerkit.gap.search.recent import Recent
-from walkerkit.gap.search.structure import Fit, Structure
+from walkerkit.gap.search.structure import Fit, Structure, Term
 from walkerkit.gap.simulation.channel import Channel, base_channels, estimate_error
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
@@ -56,6 +58,7 @@ class Problem:
         hold: what the targets are between their samples.
         window: seconds after which replays restart, or None for whole rollouts.
         n_threads: threads of the simulation, 0 for all cores.
+        beliefs: what the user knows or doubts.
     """
 
     robots: tuple[Robot, ...]
@@ -67,6 +70,7 @@ class Problem:
     hold: Hold
     window: float | None
     n_threads: int
+    beliefs: Beliefs = NOTHING
 
     def __repr__(self) -> str:
         robots = ", ".join(robot.source for robot in self.robots)
@@ -153,6 +157,10 @@ class Problem:
     def told_soon(self, half: Half) -> bool:
         """Whether a half is told of over whole rollouts, which do not take too long."""
         return self.window is None and sum(replay.steps for replay in half.told) <= _MOST_WHOLE
+
+    def terms(self, effects: Sequence[Effect]) -> tuple[Term, ...]:
+        """Each of some effects wherever it may be, as far as the user leaves that open."""
+        return self.beliefs.terms(effects, self.robots, self.joints)
 
     @property
     def nothing(self) -> Structure:

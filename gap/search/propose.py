@@ -21,7 +21,7 @@ from walkerkit.gap.search.fit import Progress, evaluate, fit, polished
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
 from walkerkit.gap.search.slopes import Slopes, slopes_to_carry
-from walkerkit.gap.search.structure import Fit, Structure, Term, candidate_terms
+from walkerkit.gap.search.structure import Fit, Structure, Term
 
 FloatArray = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ def _addable(problem: Problem, structure: Structure, effects: Sequence[Effect]) 
     """Effects that are fitted, at the places that do not have them."""
     present = {term.effect.name: term for term in structure.terms}
     found = []
-    for term in candidate_terms(effects, problem.robots, problem.joints):
+    for term in problem.terms(effects):
         known = present.get(term.effect.name)
         if not term.effect.fitted or (known is not None and known.shared):
             continue

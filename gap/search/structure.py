@@ -29,11 +29,13 @@ class Term:
         effect: the effect.
         sites: joints or bodies, or `("*",)`.
         shared: one value for all sites instead of one each.
+        doubted: nobody knows its size, so that any is plausible.
     """
 
     effect: Effect
     sites: tuple[str, ...]
     shared: bool = False
+    doubted: bool = False
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -108,7 +110,7 @@ class Structure:
     @cached_property
     def prior(self) -> FloatArray:
         """(n_parameters,) standard deviations of the priors, normal about `zero`."""
-        return np.array([slot.parameter.prior for slot in self.slots])
+        return np.array([np.inf if s.term.doubted else s.parameter.prior for s in self.slots])
 
     @cached_property
     def branches(self) -> tuple[int | None, ...]:
