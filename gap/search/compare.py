@@ -25,7 +25,6 @@ from walkerkit.gap.search.decision import (
     CONFUSION,
     LEAST_CHANGE,
     LEAST_GAIN,
-    PRICE_ORDINARY,
     PRICE_PLACE,
     PRICE_RARE,
     TEMPERATURE,
@@ -69,7 +68,7 @@ class Member:
 def log_prior(effect: str, places: int) -> float:
     """Log prior odds of an effect at so many places."""
     if effect in CATALOGUE and CATALOGUE[effect].ordinary:
-        return -PRICE_ORDINARY * places
+        return -PRICE_PLACE * places
     return -PRICE_RARE - PRICE_PLACE * places
 
 
