@@ -1,0 +1,160 @@
+"""One table of structures: weights, confidence, what could be exchanged, what is worth a name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import gammaln
+
+from tests.gap.search.test_naming import LEG, problem_of
+from walkerkit.gap.search.compare import Member, Table, described, is_worth_a_name
+from walkerkit.gap.search.decision import (
+    CONFUSION,
+    LEAST_GAIN,
+    PRICE_PLACE,
+    PRICE_RARE,
+    TAILS,
+    TEMPERATURE,
+)
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.score import Scores
+from walkerkit.gap.search.structure import Fit
+
+BLOCKS, ROWS = 40, 20
+FLOOR = 1e-3
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    model = tmp_path_factory.mktemp("leg") / "leg.xml"
+    model.write_text(LEG)
+    return problem_of(model, ())
+
+
+def scores(*sizes: float, wild: float = 0.0) -> Scores:
+    """Blocks of a channel each, whose residuals have such sizes; one block may be wild."""
+    squares = ROWS * np.tile(np.square(sizes), (BLOCKS, 1))
+    squares *= np.linspace(0.8, 1.2, BLOCKS)[:, None]
+    if wild:
+        squares[0] = ROWS * wild**2
+    return Scores(
+        squares=squares,
+        count=np.full_like(squares, ROWS),
+        memory=np.ones(len(sizes)),
+        floor=np.full(len(sizes), FLOOR),
+    )
+
+
+def member(problem: Problem, effects: dict[str, tuple[str, ...]], of: Scores) -> Member:
+    nothing = Fit(structure=problem.nothing, values=np.zeros(0), score=0.0, mean_square=np.zeros(1))
+    return Member(effects=effects, scores=of, fit=nothing, kept=np.arange(0))
+
+
+def test_a_block_is_scored_by_a_student_t() -> None:
+    one = scores(0.02)
+    (density, *_) = one.elpd(one)
+    # The variance is that at which the density of all blocks is largest.
+    variance = np.linspace(0.9, 1.1, 2001) * 0.02**2
+
+    def log_t(square: float, v: np.ndarray) -> np.ndarray:
+        return (
+            gammaln(0.5 * (TAILS + ROWS))
+            - gammaln(0.5 * TAILS)
+            - 0.5 * ROWS * np.log(TAILS * np.pi * v)
+            - 0.5 * (TAILS + ROWS) * np.log1p(square / (TAILS * v))
+        )
+
+    every = np.sum([log_t(square, variance) for square in one.squares[:, 0]], axis=0)
+    best = variance[int(np.argmax(every))]
+    assert density == pytest.approx(float(log_t(one.squares[0, 0], best)), abs=1e-2)
+
+
+def test_a_wild_block_does_not_outvote_the_rest(problem: Problem) -> None:
+    right = member(problem, {"armature": ("knee",)}, scores(0.01, wild=10.0))
+    wrong = member(problem, {"payload": ("shin",)}, scores(0.02, wild=1.0))
+    assert Table((wrong, right)).best is right
+
+
+def test_weights_go_with_the_prior_and_the_elpd(problem: Problem) -> None:
+    same = scores(0.01)
+    usual = member(problem, {"armature": ("knee",)}, same)
+    rare = member(problem, {"payload": ("shin",)}, same)
+    table = Table((usual, rare))
+    assert table.weights.sum() == pytest.approx(1)
+    assert table.weights[0] / table.weights[1] == pytest.approx(np.exp(PRICE_RARE))
+    assert usual.log_prior == -PRICE_PLACE
+    assert rare.log_prior == -PRICE_RARE - PRICE_PLACE
+    nothing = member(problem, {}, same)
+    assert Table((nothing, usual)).best is nothing
+
+
+def test_confidence_is_the_weight_of_all_that_have_it(problem: Problem) -> None:
+    good, bad = scores(0.01), scores(0.05)
+    table = Table(
+        (
+            member(problem, {"armature": ("knee",)}, good),
+            member(problem, {"armature": ("knee",), "viscous_friction": ("knee",)}, good),
+            member(problem, {}, bad),
+        )
+    )
+    assert table.confidence(["armature"]) == pytest.approx(1, abs=1e-6)
+    assert table.confidence(["viscous_friction"]) == pytest.approx(table.weights[1])
+    assert table.confidence(["payload"]) == 0
+
+
+def test_what_could_be_exchanged_lacks_nothing_else(problem: Problem) -> None:
+    alike = scores(0.01)
+    both = {"armature": ("knee",), "viscous_friction": ("knee",)}
+    table = Table(
+        (
+            member(problem, both, alike),
+            member(problem, {"armature": ("knee",), "velocity_gain": ("knee",)}, alike),
+            member(problem, {"coulomb_friction": ("knee",)}, alike),
+        )
+    )
+    assert table.best.effects == {"coulomb_friction": ("knee",)}
+    assert set(table.exchanges("coulomb_friction")) == {*both, "velocity_gain"}
+    far = Table((member(problem, both, alike), member(problem, {}, scores(0.1))))
+    assert far.weights[0] > CONFUSION
+    assert far.exchanges("armature") == {}
+
+
+def test_the_frame_has_a_row_for_each(problem: Problem) -> None:
+    better, worse = scores(0.01), scores(0.02)
+    table = Table(
+        (member(problem, {}, worse), member(problem, {"payload": ("shin", "thigh")}, better))
+    )
+    frame = table.frame()
+    assert list(frame.structure) == ["payload (shin, thigh)", "nothing"]
+    assert frame.difference[0] == 0
+    assert frame.difference[1] < 0
+    expected = (table.blocks[0] - table.blocks[1]).sum()
+    assert frame.difference[1] == pytest.approx(expected)
+    assert frame.weight[1] < np.exp(-frame.se[1] / TEMPERATURE)
+
+
+def test_effects_of_all_joints_need_no_places() -> None:
+    assert described({"command_delay": ("*",), "armature": ("a", "b")}) == (
+        "command_delay + armature (a, b)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "worth"),
+    [
+        (0.02, 0.01, True),
+        (0.02, 0.02 * np.exp(-0.9 * LEAST_GAIN), False),
+        (0.02, 0.02 * np.exp(-1.1 * LEAST_GAIN), True),
+        (0.2 * FLOOR, 0.1 * FLOOR, False),  # below the floor nothing is worth anything
+        (0.01, 0.02, False),
+    ],
+)
+def test_what_is_worth_a_name(problem: Problem, before: float, after: float, worth: bool) -> None:
+    old, new = (member(problem, {}, scores(size, 0.02)) for size in (before, after))
+    assert is_worth_a_name(old, new, ["knee", "ankle"]) is worth
+
+
+def test_the_typical_block_is_enough(problem: Problem) -> None:
+    old = member(problem, {}, scores(0.02, wild=5.0))
+    new = member(problem, {}, scores(0.01, wild=5.0))
+    assert is_worth_a_name(old, new, ["knee"])
