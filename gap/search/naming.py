@@ -21,6 +21,7 @@ from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.compare import Member, Table
+from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.fit import Progress, evaluate, polished
 from walkerkit.gap.search.ground import ground
 from walkerkit.gap.search.numerical import as_simulated_well
@@ -281,11 +282,15 @@ def _over_whole(problem: Problem, current: Fit) -> Fit | None:
 
 
 def leaves_nothing(problem: Problem, current: Fit) -> bool:
-    """Whether a fit leaves nothing to explain, in stretches or in whole rollouts."""
-    floor = _AT_FLOOR * problem.noise
-    in_stretches = np.sqrt(current.mean_square)
+    """Whether a fit leaves nothing to explain, in stretches or in whole rollouts.
+
+    In stretches the numerical error is taken out, though not to the last digit.
+    """
+    objective = problem.fit.objective
+    left = NUMERICAL_LEFT * objective.numerical_size()
+    in_stretches = np.sqrt(current.mean_square) <= _AT_FLOOR * np.hypot(problem.noise, left)
     whole = problem.whole.objective.as_it_is([current.case])[0][0]
-    return bool((in_stretches <= floor).all() or (np.sqrt(whole) <= floor).all())
+    return bool(in_stretches.all() or (np.sqrt(whole) <= _AT_FLOOR * problem.noise).all())
 
 
 def _rare(one: Fit) -> list[Term]:
