@@ -16,7 +16,7 @@ from typing import Literal
 
 import mujoco
 
-from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
+from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint, inputs_of_joint
 from walkerkit.actuators.play import play_joint
 from walkerkit.gap.errors import InputError, closest, one_line
 from walkerkit.gap.recordings.given import model_name
@@ -25,8 +25,10 @@ from walkerkit.gap.simulation import dry_friction
 from walkerkit.gap.simulation.base import Base, find_base
 from walkerkit.gap.simulation.ground import Ground, add_floor
 from walkerkit.gap.simulation.latest import Latest
+from walkerkit.gap.simulation.loops import Loops
 from walkerkit.gap.simulation.made import spec_of
 from walkerkit.gap.simulation.model_files import check_model_files
+from walkerkit.gap.simulation.movers import Mover, movers, named_inputs
 from walkerkit.gap.simulation.wave import Wave, WaveForm
 
 _MOST_MADE = 32  # that are kept of what is made of a robot
@@ -58,9 +60,10 @@ class Joint:
         name: its name in the model.
         id: joint id.
         qpos, dof: address in qpos and qvel.
-        drives: its actuators.
+        drives: its actuators whose law is affine.
         slide: True for a slide joint (m, N instead of rad, N·m).
         play: what is between it and its link, where the model has play there.
+        inputs: what its actuators of another law take, those of `<dcmotor>` and `<pid>`.
     """
 
     name: str
@@ -70,10 +73,20 @@ class Joint:
     drives: tuple[Drive, ...]
     slide: bool
     play: Play | None = None
+    inputs: tuple[Drive, ...] = ()
+
+    @property
+    def commanded(self) -> tuple[Drive, ...]:
+        """All that takes a target of it."""
+        return (*self.drives, *self.inputs)
 
     def drive(self, kind: TargetKind) -> Drive | None:
-        """The actuator that takes targets of this kind, or None."""
+        """The actuator of an affine law that takes targets of this kind, or None."""
         return next((drive for drive in self.drives if drive.kind == kind), None)
+
+    def taker(self, kind: TargetKind) -> Drive | None:
+        """What takes targets of this kind, by whatever law, or None."""
+        return next((drive for drive in self.commanded if drive.kind == kind), None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,6 +200,21 @@ class Robot:
     def has_dry_friction(self) -> bool:
         """Whether the model itself has dry friction at a joint."""
         return bool(self.model.dof_frictionloss.any())
+
+    @property
+    def movers(self) -> tuple[Mover, ...]:
+        """Its actuators that are no joint's own, or take no target."""
+        return self.made.get("movers", lambda: movers(self.model))
+
+    @property
+    def loops(self) -> Loops:
+        """The equality constraints of its model."""
+        return self.made.get("loops", lambda: Loops(self.model))
+
+    @property
+    def inputs(self) -> Mapping[str, tuple[Drive, ...]]:
+        """What its actuators take that have a name, by that."""
+        return self.made.get("inputs", lambda: named_inputs(self.model))
 
     def refined(
         self, factor: int, *, other_integrator: bool = False, as_dry_as_it_goes: bool = False
@@ -371,6 +399,7 @@ def _joint(model: mujoco.MjModel, joint: int) -> Joint:
         qpos=int(model.jnt_qposadr[joint]),
         dof=int(model.jnt_dofadr[joint]),
         drives=drives_of_joint(model, joint),
+        inputs=inputs_of_joint(model, joint),
         slide=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
         play=None
         if play is None
