@@ -18,6 +18,7 @@ from walkerkit.actuators.explicit import (
     RemotizedPdActuatorCfg,
 )
 from walkerkit.actuators.group import ActuatorGroup
+from walkerkit.actuators.inputs import XmlInputsActuatorCfg
 from walkerkit.actuators.learned import LearnedMlpActuatorCfg, LstmActuatorCfg
 from walkerkit.actuators.motors import (
     MOTORS,
@@ -77,6 +78,7 @@ __all__ = [
     "Motor",
     "Randomization",
     "RemotizedPdActuatorCfg",
+    "XmlInputsActuatorCfg",
     "XmlMotorActuatorCfg",
     "XmlPositionActuatorCfg",
     "XmlVelocityActuatorCfg",

@@ -18,6 +18,7 @@ actuator serves one physics, with arrays `(n_joints,)`, and a `mujoco.batch.Batc
 from __future__ import annotations
 
 import abc
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -179,6 +180,21 @@ class Actuator(abc.ABC):
     @abc.abstractmethod
     def elements(self) -> tuple[mjcf.Element, ...]:
         """MuJoCo's actuators that it works through, in the order of `joint_names`."""
+
+    @property
+    def beside(self) -> tuple[mjcf.Element, ...]:
+        """MuJoCo's actuators that it works through besides `elements`, in any order."""
+        return ()
+
+    @property
+    def apart(self) -> frozenset[str]:
+        """The targets that have a control of their own besides that of `ctrl_ids`."""
+        return frozenset()
+
+    @property
+    def spans(self) -> Mapping[str, FloatArray]:
+        """Target to the (n_joints, 2) range that reaches its control, as far as it is known."""
+        return {}
 
     @property
     @abc.abstractmethod

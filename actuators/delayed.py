@@ -233,6 +233,21 @@ class DelayedActuator(Actuator):
         return self.base.elements
 
     @property
+    def beside(self) -> tuple[Any, ...]:
+        """As in `Actuator`."""
+        return self.base.beside
+
+    @property
+    def apart(self) -> frozenset[str]:
+        """As in `Actuator`."""
+        return self.base.apart
+
+    @property
+    def spans(self) -> Mapping[str, FloatArray]:
+        """As in `Actuator`."""
+        return self.base.spans
+
+    @property
     def computed_effort(self) -> FloatArray:
         """As in `Actuator`."""
         return self.base.computed_effort

@@ -212,10 +212,7 @@ def read_drive(model: mujoco.MjModel, actuator: int) -> Drive | None:
 
 def _gear(model: mujoco.MjModel, actuator: int) -> float:
     """The gear of a joint, tendon or slider-crank; one where it is a direction."""
-    if (
-        on_joint(model, actuator) is None
-        and model.actuator_trntype[actuator] not in _SCALAR_GEARS
-    ):
+    if on_joint(model, actuator) is None and model.actuator_trntype[actuator] not in _SCALAR_GEARS:
         return 1.0
     return float(model.actuator_gear[model.actuator_outadr[actuator], 0])
 

@@ -25,6 +25,7 @@ from walkerkit.gap.recordings.files import describe_row
 from walkerkit.gap.recordings.recording import LONGEST_STEP, Recording
 from walkerkit.gap.recordings.smooth import Smoothed
 from walkerkit.gap.simulation.robot import Joint, Robot
+from walkerkit.gap.simulation.untaken import before_gear
 
 FloatArray = NDArray[np.float64]
 
@@ -195,7 +196,8 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
         recording: as it was logged.
 
     Raises:
-        InputError: a position, a target or both are in degrees.
+        InputError: a position, a target or both are in degrees, or a target is that of a motor in
+            front of its gear.
     """
     notes = []
     for name, joint in robot.joints.items():
@@ -226,6 +228,9 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
                 f"{'' if np.isinf(upper) else f', where {where},'} beside a '{name}/{other}' in "
                 f"radians: looks like degrees; {_TO_RADIANS.format('it')}.",
             )
+        geared = before_gear(robot, joint, likeness.ratio)
+        if geared and abs(likeness.alike) >= _ALIKE:
+            raise _refused(recording, geared)
         if angles.hardly_follows:
             notes.append(
                 f"{name}/position moves by {abs(likeness.ratio):.2g} of what its target does: the "

@@ -39,6 +39,9 @@ class Joints:
         takes: the targets that each one's actuator can follow.
         speeds: no-load speeds [rad/s; m/s], (n_joints,), infinite where none is stated.
         efforts: effort limits [N·m; N], (n_joints,), infinite where none is stated.
+        apart: the targets of each that have a control of their own besides its first.
+        spans: target to the range that reaches the joints' controls, (n_joints, 2), infinite where
+            none is known.
     """
 
     names: tuple[str, ...]
@@ -47,6 +50,8 @@ class Joints:
     takes: tuple[frozenset[str], ...]
     speeds: FloatArray
     efforts: FloatArray
+    apart: tuple[frozenset[str], ...] = ()
+    spans: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -218,16 +223,23 @@ class FullRangeAction(ActionTerm):
     A position target where the actuator follows one, from end to end of the joint's range (±π about
     the default pose where it has none); else a velocity target within ± its no-load speed (10 rad/s
     where none is stated); else an effort target within ± its limit (1 N·m where none is stated).
+    Joints with several controls have numbers for the others behind all of these.
     """
 
     def bind(self, joints: Joints) -> Sequence[BoundTerm]:
         """As in `ActionTerm`."""
         terms = []
         widest = [_widest(takes) for takes in joints.takes]
-        for target, run in groupby(range(len(widest)), widest.__getitem__):
-            chosen = list(run)
+        runs = [(t, list(run)) for t, run in groupby(range(len(widest)), widest.__getitem__)]
+        for target in ("velocity_target", "effort_target"):
+            more = [i for i, apart in enumerate(joints.apart) if target in apart]
+            runs += [(target, more)] if more else []
+        for target, chosen in runs:
             at = np.array(chosen, dtype=np.intp)
             low, high = self._span(joints, target, at)
+            known = joints.spans.get(target, np.full((len(joints.names), 2), np.inf))[at]
+            limited = np.isfinite(known).all(axis=1)
+            low, high = (np.where(limited, k, e) for k, e in zip(known.T, (low, high), strict=True))
             terms.append(
                 BoundTerm(
                     names=tuple(joints.names[i] for i in chosen),

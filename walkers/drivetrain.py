@@ -28,6 +28,7 @@ from walkerkit.actuators.adoption import Adoption
 from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw, LawRunner
+from walkerkit.actuators.inputs import XmlInputsActuatorCfg
 from walkerkit.actuators.selection import select
 from walkerkit.actuators.simulation import Simulation
 from walkerkit.actuators.targeted import actuators_of, candidates, element_ids
@@ -69,7 +70,7 @@ class Drivetrain:
     Attributes:
         group: the actuators, whose laws run before each physics step.
         kept: MuJoCo's actuators that are not of this drivetrain; they take the last numbers of an
-            action, as their controls.
+            action, as their controls, one with several inputs as many.
         joints: what is known of the joints that the group drives.
         command: what the actuators are asked for at present.
         last_action: the last action of this episode, zeros before the first.
@@ -92,22 +93,24 @@ class Drivetrain:
     ):
         if existing not in get_args(Existing):
             raise ValueError(f"existing should be one of {get_args(Existing)}, got {existing!r}")
-        self.group = ActuatorGroup(cfgs)
+        self.group = ActuatorGroup(cfgs, may_be_none=existing == "keep")
         if existing == "replace":
             _remove_claimed(root, self.group)
         self.group.edit_mjcf(root)
         self.kept: tuple[Any, ...] = tuple(
             element
             for element in root.find_all("actuator")
-            if not any(element is ours for ours in self.group.elements)
+            if not any(element is ours for ours in (*self.group.elements, *self.group.beside))
         )
         self._root = root
         self._randomizations = tuple(randomizations)
         self._laws = LawRunner(laws) if laws else None
-        self.joints, self._kept_ranges = _survey(root, self.group, self.kept, default or {})
+        self.joints, self._kept_ranges, kept_names = _survey(
+            root, self.group, self.kept, default or {}
+        )
         terms = (FullRangeAction(),) if action is None else action
         self._commander = Commander(terms if isinstance(terms, Sequence) else (terms,), self.joints)
-        self._names = (*self._commander.names, *map(_kept_name, self.kept))
+        self._names = (*self._commander.names, *kept_names)
         self._ctrl: FloatArray = np.zeros(0)
         self._kept_at: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         self._batch_shape: tuple[int, ...] = ()
@@ -132,7 +135,7 @@ class Drivetrain:
             self.command = self._commander.rest(self._batch_shape)
             self.last_action = np.zeros((*self._batch_shape, len(self._names)))
         ids = element_ids(model, self.kept, mujoco.mjtObj.mjOBJ_ACTUATOR, self._root)
-        self._kept_at = model.actuator_ctrladr[ids].astype(np.intp)
+        self._kept_at = _controls_of(model, ids)
 
     def reset(self, random_state: Any) -> None:
         """Forgets the last episode: delays, histories, the command; draws what is random.
@@ -193,7 +196,7 @@ class Drivetrain:
             RuntimeError: the model has actuators that were kept and is not compiled yet.
             ValueError: the action has another shape, or is not finite.
         """
-        if len(self._kept_at) != len(self.kept):
+        if len(self._kept_at) != len(self._kept_ranges):
             raise RuntimeError("call initialize(physics) after the model was compiled, then act")
         values = checked_action(action, self._names, self._batch_shape)
         n = self._commander.size
@@ -222,7 +225,7 @@ class Drivetrain:
             of actuators that were kept are zero.
         """
         wanted = self._commander.action(self._commander.rest() if cmd is None else cmd)
-        return np.concatenate([wanted, np.zeros(len(self.kept))])
+        return np.concatenate([wanted, np.zeros(len(self._kept_ranges))])
 
     @property
     def changed_effort(self) -> FloatArray:
@@ -249,11 +252,19 @@ class Drivetrain:
         )
 
 
-def _kept_name(element: Any) -> str:
-    """An actuator's name, or that of what it drives."""
+def _kept_names(element: Any, inputs: int) -> list[str]:
+    """An actuator's name, or that of what it drives; one with several inputs has one for each."""
     driven = (getattr(element, reference, None) for reference in _DRIVEN)
     named = (one.name for one in (element, *driven) if one is not None and one.name)
-    return str(next(named, element.tag))
+    name = str(next(named, element.tag))
+    return [name] if inputs == 1 else [f"{name}[{k}]" for k in range(inputs)]
+
+
+def _controls_of(model: mujoco.MjModel, actuators: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Where all controls of some actuators are in `ctrl`."""
+    first, count = model.actuator_ctrladr[actuators], model.actuator_ctrlnum[actuators]
+    places = [np.arange(f, f + n) for f, n in zip(first, count, strict=True)]
+    return np.concatenate([np.zeros(0), *places]).astype(np.intp)
 
 
 def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> None:
@@ -261,7 +272,8 @@ def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> None:
     removed = []
     for cfg in group.cfgs:
         base = getattr(cfg, "base_cfg", cfg)
-        if isinstance(base, TargetedActuatorCfg) and not isinstance(base, XmlActuatorCfg):
+        taken_over = isinstance(base, XmlActuatorCfg | XmlInputsActuatorCfg)
+        if isinstance(base, TargetedActuatorCfg) and not taken_over:
             named = candidates(root, base.transmission)
             targets = list(named.values())
             for i in select(base.joint_names_expr, list(named)):
@@ -275,7 +287,7 @@ def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> None:
 
 def _survey(
     root: mjcf.RootElement, group: ActuatorGroup, kept: Sequence[Any], default: Any
-) -> tuple[Joints, FloatArray]:
+) -> tuple[Joints, FloatArray, list[str]]:
     """What there is to know of the joints and of the controls that were kept, compiled once."""
     model = _compiled(root)
     data = mujoco.MjData(model)
@@ -298,6 +310,7 @@ def _survey(
         limited = model.jnt_limited[joint]
         ranges.append(list(model.jnt_range[joint]) if limited else [-np.inf, np.inf])
     takes = {name: actuator.takes for actuator in group.actuators for name in actuator.joint_names}
+    apart = {name: actuator.apart for actuator in group.actuators for name in actuator.joint_names}
     joints = Joints(
         names=group.joint_names,
         default=np.array(positions),
@@ -305,16 +318,36 @@ def _survey(
         takes=tuple(takes[name] for name in group.joint_names),
         speeds=_limits(group, "velocity_limit"),
         efforts=_limits(group, "effort_limit"),
+        apart=tuple(apart[name] for name in group.joint_names),
+        spans=_spans(group),
     )
-    controls = model.actuator_ctrladr[element_ids(model, kept, mujoco.mjtObj.mjOBJ_ACTUATOR, root)]
+    ids = element_ids(model, kept, mujoco.mjtObj.mjOBJ_ACTUATOR, root)
+    controls = _controls_of(model, ids)
     limited = (model.actuator_ctrllimited[controls] != 0)[:, None]
     kept_ranges = np.where(limited, model.actuator_ctrlrange[controls], [[-1.0, 1.0]])
-    return joints, kept_ranges.reshape(-1, 2)
+    inputs = model.actuator_ctrlnum[ids]
+    named = [
+        name
+        for element, n in zip(kept, inputs, strict=True)
+        for name in _kept_names(element, int(n))
+    ]
+    return joints, kept_ranges.reshape(-1, 2), named
 
 
 def _compiled(root: mjcf.RootElement) -> mujoco.MjModel:
     """The walker's own model, as MuJoCo compiles it."""
     return mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
+
+
+def _spans(group: ActuatorGroup) -> dict[str, FloatArray]:
+    """Target to the ranges that reach the joints' controls, infinite where they are not known."""
+    spans: dict[str, FloatArray] = {}
+    place = {name: i for i, name in enumerate(group.joint_names)}
+    for actuator in group.actuators:
+        for target, span in actuator.spans.items():
+            every = spans.setdefault(target, np.tile([-np.inf, np.inf], (len(place), 1)))
+            every[[place[name] for name in actuator.joint_names]] = span
+    return spans
 
 
 def _limits(group: ActuatorGroup, name: str) -> FloatArray:

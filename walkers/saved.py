@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,17 +24,20 @@ from walkerkit.actuators import (
     ActuatorCfg,
     DelayedActuatorCfg,
     LearnedMlpActuatorCfg,
+    XmlInputsActuatorCfg,
     XmlMotorActuatorCfg,
     XmlPositionActuatorCfg,
     XmlVelocityActuatorCfg,
 )
-from walkerkit.actuators.drive import Drive, drives_of_joint
+from walkerkit.actuators.drive import on_joint, read_inputs
 from walkerkit.actuators.drivetrain import LAWS, DrivetrainLaw
 from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.inputs import first_of_each
+from walkerkit.actuators.wrapped import XmlActuatorCfg
 from walkerkit.walkers.reading import escaped
 
 FILE = "actuators.json"
-_CONFIGS = {
+_CONFIGS: Mapping[str, type[XmlActuatorCfg]] = {
     "position": XmlPositionActuatorCfg,
     "velocity": XmlVelocityActuatorCfg,
     "effort": XmlMotorActuatorCfg,
@@ -54,31 +57,42 @@ class SavedActuators:
     laws: tuple[DrivetrainLaw, ...] = ()
 
 
-def saved_actuators(path: str | Path, *, stopgap: bool = False) -> SavedActuators:
+def saved_actuators(
+    path: str | Path, *, stopgap: bool = False, joints: Collection[str] | None = None
+) -> SavedActuators:
     """Reads what belongs to a model beside its MJCF.
 
     Args:
         path: the model's file.
         stopgap: take the learned drives that the workflow left where no effect of its catalogue
             fits, instead of the drives that the model has.
+        joints: those that the robot has, as PyMJCF calls them, of a file that has more in it; all
+            by default.
+
+    Returns:
+        What was found. There are no configs where no joint's actuator takes a target, and all of
+        the file's stay as they are.
 
     Raises:
-        ValueError: the file is not one of the gap workflow's, or has no stopgap for this model.
+        ValueError: the file is not one of the gap workflow's, or has no stopgap for this model, or
+            nothing in it is driven.
     """
     path = Path(path)
     beside = path.parent / FILE
     if not beside.is_file():
         if stopgap:
             raise ValueError(f"{path}: there is no {FILE} beside it, so it has no stopgap")
-        return _as_in_the_xml(path)
+        return SavedActuators(actuators=_taken_over(path, joints, {}))
     try:
         entry = json.loads(beside.read_text(encoding="utf-8"))["models"].get(path.name)
         if entry is None:
-            return _as_in_the_xml(path)
+            return SavedActuators(actuators=_taken_over(path, joints, {}))
         learned = _learned(entry.get("stopgap", {}), path.parent) if stopgap else {}
-        commands = {j: by_kind for j, by_kind in entry["command"].items() if j not in learned}
         found = SavedActuators(
-            actuators=(*_taken_over(commands), *learned.values()),
+            actuators=(
+                *_taken_over(path, joints, entry["command"], without=learned),
+                *learned.values(),
+            ),
             laws=_laws(entry.get("laws", {})),
         )
     except (KeyError, TypeError, AttributeError, json.JSONDecodeError, RecursionError) as error:
@@ -91,41 +105,79 @@ def saved_actuators(path: str | Path, *, stopgap: bool = False) -> SavedActuator
     return found
 
 
-def _as_in_the_xml(path: Path) -> SavedActuators:
+def _taken_over(
+    path: Path,
+    joints: Collection[str] | None,
+    commands: Mapping[str, Any],
+    *,
+    without: Collection[str] = (),
+) -> tuple[ActuatorCfg, ...]:
+    """The XML's actuators of joints.
+
+    Args:
+        path: the model's file.
+        joints: as for `saved_actuators`.
+        commands: joint to what each kind of target means, where that is not what the XML says.
+        without: joints that are left out.
+    """
     model = mujoco.MjModel.from_xml_path(str(path))
-    kinds: dict[str, str] = {}
-    for joint in range(model.njnt):
-        drives: tuple[Drive, ...] = drives_of_joint(model, joint)
-        if drives and model.joint(joint).name:
-            kinds[model.joint(joint).name] = drives[0].kind
-    if not kinds:
+    if not model.nactuator:
         raise ValueError(
-            f"{path}: none of its joints has a position, velocity or effort actuator; give configs "
-            "of the actuators that they are to have"
+            f"{path}: it has no actuators; give configs of those that its joints are to have"
         )
-    return SavedActuators(
-        actuators=tuple(
-            config(joint_names_expr=tuple(_exactly(j) for j, kind in kinds.items() if kind == one))
-            for one, config in _CONFIGS.items()
-            if one in kinds.values()
-        )
+    alone: dict[str, dict[str, Mapping[str, Any] | None]] = {}
+    several: dict[tuple[str, ...], dict[str, Mapping[str, Any]]] = {}
+    for joint in range(model.njnt):
+        name = model.joint(joint).name
+        known = joints is None or escaped(name) in joints
+        if not name or not known or name in without:
+            continue
+        ids = [a for a in range(model.nactuator) if on_joint(model, a) == joint]
+        drives = first_of_each(drive for a in ids for drive in read_inputs(model, a))
+        given = commands.get(name, {})
+        if len(ids) == 1 and len(drives) == 1 and next(iter(drives.values())).law == "affine":
+            (drive,) = drives.values()
+            alone.setdefault(drive.kind, {})[name] = given.get(drive.kind)
+        elif drives:
+            several.setdefault(tuple(drives), {})[name] = given
+    return (
+        *(_of_kind(config, alone[kind]) for kind, config in _CONFIGS.items() if kind in alone),
+        *(_of_several(targets, of_joints) for targets, of_joints in several.items()),
     )
 
 
-def _taken_over(commands: Mapping[str, Any]) -> list[ActuatorCfg]:
-    """The XML's actuators, with what a target means to each."""
-    found: list[ActuatorCfg] = []
-    for kind, config in _CONFIGS.items():
-        of_kind = {_exactly(j): by_kind[kind] for j, by_kind in commands.items() if kind in by_kind}
-        if of_kind:
-            found.append(
-                config(
-                    joint_names_expr=tuple(of_kind),
-                    slope={joint: _finite(scale["slope"]) for joint, scale in of_kind.items()},
-                    offset={joint: _finite(scale["offset"]) for joint, scale in of_kind.items()},
-                )
-            )
-    return found
+def _of_kind(
+    config: type[XmlActuatorCfg], of_joints: Mapping[str, Mapping[str, Any] | None]
+) -> ActuatorCfg:
+    """One config for joints with one actuator each, with what a target means to each."""
+    names = tuple(map(_exactly, of_joints))
+    known = {_exactly(joint): scale for joint, scale in of_joints.items() if scale is not None}
+    if not known:
+        return config(joint_names_expr=names)
+    if len(known) < len(names):
+        raise KeyError(next(name for name in names if name not in known))
+    return config(
+        joint_names_expr=names,
+        slope={joint: _finite(scale["slope"]) for joint, scale in known.items()},
+        offset={joint: _finite(scale["offset"]) for joint, scale in known.items()},
+    )
+
+
+def _of_several(targets: Sequence[str], of_joints: Mapping[str, Mapping[str, Any]]) -> ActuatorCfg:
+    """One config for joints with several controls each."""
+    scales = {
+        target: {
+            escaped(joint): (_finite(known[kind]["slope"]), _finite(known[kind]["offset"]))
+            for joint, known in of_joints.items()
+            if kind in known
+        }
+        for target in targets
+        for kind in (target.removesuffix("_target"),)
+    }
+    return XmlInputsActuatorCfg(
+        joint_names_expr=tuple(map(_exactly, of_joints)),
+        scales={target: of_joint for target, of_joint in scales.items() if of_joint},
+    )
 
 
 def _laws(of_joints: Mapping[str, Any]) -> tuple[DrivetrainLaw, ...]:

@@ -186,7 +186,9 @@ def _of_recordings(recordings: Sequence[Recording]) -> Iterator[str]:
             alike.setdefault(note, {})[recording.whole.name] = None
     for note, names in alike.items():
         every = len(names) == len(wholes) > 2
-        which = "every recording" if every else " and ".join((", ".join([*names][:-1]), [*names][-1]))
+        which = (
+            "every recording" if every else " and ".join((", ".join([*names][:-1]), [*names][-1]))
+        )
         yield f"{which.removeprefix(' and ')}: {note}"
 
 

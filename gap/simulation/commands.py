@@ -100,9 +100,7 @@ def _targets_of_joint(
             raise InputError(no_actuator(robot, joint, kind, source))
 
 
-def _by_name(
-    robot: Robot, recording: Recording, source: str, known: Container[str]
-) -> list[Route]:
+def _by_name(robot: Robot, recording: Recording, source: str, known: Container[str]) -> list[Route]:
     """Targets that go by the name of their actuator."""
     of_joint = {drive.ctrl: joint for joint in robot.joints.values() for drive in joint.commanded}
     found = []
@@ -142,9 +140,7 @@ def by_effort_alone(robot: Robot, recording: Recording) -> tuple[str, ...]:
     }
     held.update(name for one in robot.movers if one.actuator in servos for name in one.joints)
     if not set(recording.joints) <= held:
-        held = robot.made.get(
-            ("held", frozenset(held)), lambda: held_by_loops(robot.model, held)
-        )
+        held = robot.made.get(("held", frozenset(held)), lambda: held_by_loops(robot.model, held))
     return tuple(name for name in recording.joints if name not in held)
 
 

@@ -13,6 +13,8 @@ from walkerkit.gap.simulation.robot import Joint, Robot
 if TYPE_CHECKING:
     from walkerkit.gap.simulation.commands import Route
 
+_GEARED = 3.0  # a gear; a weak servo falls short of its target by less
+_ABOUT = 1.25  # times
 _CONFIGS: Mapping[TargetKind, tuple[str, str]] = {  # of a walker's actuators that MuJoCo runs
     "position": ("BuiltinPdActuatorCfg", "stiffness=..., damping=..."),
     "velocity": ("BuiltinVelocityActuatorCfg", "damping=..."),
@@ -20,9 +22,7 @@ _CONFIGS: Mapping[TargetKind, tuple[str, str]] = {  # of a walker's actuators th
 }
 
 
-def check_taken(
-    robot: Robot, recording: Recording, source: str, found: Sequence[Route]
-) -> None:
+def check_taken(robot: Robot, recording: Recording, source: str, found: Sequence[Route]) -> None:
     """Refuses a recording whose joints were moved by what it does not say.
 
     Args:
@@ -123,6 +123,58 @@ def unknown_target(
         f"{source}: {column!r} is the target of nothing: {name!r} is no joint with a position and "
         f"no actuator of {robot.source}{known}. Rename the column, or leave it out."
     )
+
+
+def before_gear(robot: Robot, joint: Joint, ratio: float) -> str:
+    """What to do about a target that is a motor's and not its joint's; "" where it is none.
+
+    Args:
+        robot: the robot.
+        joint: one of its joints.
+        ratio: how far it moves where its target moves by one.
+    """
+    drive = joint.taker("position")
+    if drive is None or not drive.in_joint_units:
+        return ""
+    gear = drive.slope
+    size = abs(gear)
+    if 1 / _GEARED < size < _GEARED or not 1 / _ABOUT < ratio * gear < _ABOUT:
+        return ""
+    name = robot.model.actuator(drive.actuator).name or "its actuator"
+    return (
+        f"column `{joint.name}/position_target` looks like the control of {name} in "
+        f"{robot.source}, in front of its gear of {gear:g}: {joint.name!r} moves by {ratio:.2g} of "
+        f"it. Divide the column by {gear:g}, so that it is the position that the joint is to have."
+    )
+
+
+def check_memory(robot: Robot, recordings: Sequence[Recording]) -> None:
+    """Refuses actuators that remember for long, of robots whose replays restart.
+
+    Raises:
+        InputError: a measured joint has one whose integral or temperature no log shows.
+    """
+    measured = {name for recording in recordings for name in recording.joints}
+    model = robot.model
+    for name, joint in robot.joints.items():
+        for drive in joint.inputs if name in measured else ():
+            a = drive.actuator
+            what = {
+                "an integral of its position error": model.actuator_actnum[a]
+                and (drive.law == "pid" or model.actuator_gainprm[a, 5] != 0),
+                "the temperature of its winding": drive.law == "dcmotor"
+                and model.actuator_dynprm[a, 2] != 0,
+                "a target whose slope it limits": drive.law == "dcmotor"
+                and model.actuator_dynprm[a, 7] != 0,
+            }
+            remembered = next((words for words, has in what.items() if has), None)
+            if remembered is not None:
+                raise InputError(
+                    f"{robot.source}: the actuator of joint {name!r} is a {drive.law} that "
+                    f"remembers {remembered}, which no recording has, and replays of this robot "
+                    "restart from the measured state. Leave that out of the actuator, or hold all "
+                    "joints by position targets and mount the base."
+                )
 
 
 def _native_twin(robot: Robot, joint: Joint, targets: Sequence[TargetKind]) -> str:
