@@ -11,9 +11,12 @@ from dm_control.locomotion.walkers import base
 from numpy.typing import NDArray
 
 from walkerkit.actuators import ActuatorCmd, DelayedActuator
-from walkerkit.actuators.drive import Drive, read_drive
+from walkerkit.actuators.drive import Drive, on_joint, read_inputs
 from walkerkit.actuators.errors import listed
+from walkerkit.actuators.inputs import XmlInputsActuator
 from walkerkit.actuators.native import NativeActuator
+from walkerkit.actuators.targeted import element_ids
+from walkerkit.gap.recordings.recording import TARGETS
 from walkerkit.tasks.suite_physics import ActuatedPhysics
 from walkerkit.walkers.actuated import Actuated
 from walkerkit.walkers.drivetrain import Drivetrain
@@ -22,7 +25,6 @@ FloatArray = NDArray[np.float64]
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _BASE_POSITION = tuple(f"base/position_{axis}" for axis in "xyz") + tuple(
     f"base/quaternion_{axis}" for axis in "wxyz"
 )
@@ -56,7 +58,9 @@ class RobotLog:
             if self.drivetrain is not None:
                 _refuse_bypass(environment.task)
             joints, free = _joints_of_walker(physics, walker)
+            self._prefix = str(walker.mjcf_model.full_identifier)
         else:
+            self._prefix = ""
             self.drivetrain = physics.drivetrain if isinstance(physics, ActuatedPhysics) else None
             joints, free = _joints_of_model(self._model)
         self._names = {id_: name for id_, name in joints.items() if self._is_scalar(id_)}
@@ -112,12 +116,17 @@ class RobotLog:
             columns[f"{name}/velocity"] = qvel[:, dof]
             if id_ in self._driven:
                 columns[f"{name}/effort"] = efforts[:, dof]
-            for target in ("position_target", "velocity_target", "effort_target"):
-                sent = self._targets.get(f"{name}/{target}", [])
-                # A target that began in the middle of an episode was not asked for before.
-                if sent:
-                    columns[f"{name}/{target}"] = np.pad(sent, (rows - len(sent), 0))
-        return columns
+            columns.update(
+                (column, self._targets[column])
+                for target in TARGETS
+                if (column := f"{name}/{target}") in self._targets
+            )
+        columns |= {name: sent for name, sent in self._targets.items() if name not in columns}
+        # A target that began in the middle of an episode was not asked for before.
+        return {
+            name: np.pad(values, (rows - len(values), 0)) if name in self._targets else values
+            for name, values in columns.items()
+        }
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -132,15 +141,17 @@ class RobotLog:
         return slice(qpos, qpos + len(_BASE_POSITION)), slice(dof, dof + len(_BASE_VELOCITY))
 
     def _find_commands(self, drivetrain: Drivetrain) -> list[int]:
-        """Where the actuators of ours get their targets; returns their controls."""
+        """Where the actuators of ours get their targets; returns MuJoCo's ids of them."""
         group = drivetrain.group
         place = {id(element): i for i, element in enumerate(group.elements)}
         python: list[str] = []
         late: list[str] = []
-        elsewhere: list[str] = []
         for actuator, cfg in zip(group.actuators, group.cfgs, strict=True):
             if getattr(getattr(cfg, "base_cfg", cfg), "transmission", "joint") != "joint":
-                elsewhere += actuator.joint_names
+                # No joint's own, so that its log goes by the actuator's name.
+                for element in actuator.elements:
+                    for target in actuator.takes:
+                        self._commanded[f"{element.name}/{target}"] = target, place[id(element)]
                 continue
             for element, joint in zip(actuator.elements, actuator.joint_ids, strict=True):
                 self._driven.add(int(joint))
@@ -152,7 +163,8 @@ class RobotLog:
             if isinstance(actuator, DelayedActuator):
                 late += () if actuator.native else actuator.joint_names
                 actuator = actuator.base
-            python += () if isinstance(actuator, NativeActuator) else actuator.joint_names
+            native = isinstance(actuator, NativeActuator | XmlInputsActuator)
+            python += () if native else actuator.joint_names
         if python:
             self._notes.append(
                 f"the law of {listed(python)} runs in Python, and the robot's own model has bare "
@@ -163,25 +175,28 @@ class RobotLog:
             self._notes.append(
                 f"the delay of {listed(late)} runs in Python, and the robot's own model has none"
             )
-        if elsewhere:
-            self._notes.append(f"{listed(elsewhere)} are tendons or sites, which no log has")
-        return [int(ctrl) for ctrl in group.ctrl_ids]
+        elements = (*group.elements, *group.beside)
+        if not elements:
+            return []
+        root = elements[0].root
+        return element_ids(self._model, elements, mujoco.mjtObj.mjOBJ_ACTUATOR, root).tolist()
 
     def _find_controls(self, ours: list[int]) -> None:
         """Where the targets of MuJoCo's other actuators can be read from their controls."""
         model = self._model
         for actuator in range(model.nactuator):
-            joint = int(model.actuator_trnid[actuator, 0])
-            if (
-                model.actuator_ctrladr[actuator] in ours
-                or model.actuator_trntype[actuator] not in _ON_JOINT
-                or joint not in self._names
-            ):
+            name = model.actuator(actuator).name
+            joint = on_joint(model, actuator)
+            if actuator in ours or not name.startswith(self._prefix):
                 continue
-            self._driven.add(joint)
-            drive = read_drive(model, actuator)
-            if drive is not None:
-                self._controlled.setdefault(f"{self._names[joint]}/{drive.kind}_target", drive)
+            if joint is not None and joint in self._names:
+                self._driven.add(joint)
+            for drive in read_inputs(model, actuator):
+                column = f"{name.removeprefix(self._prefix)}/{drive.kind}_target"
+                if joint is not None and joint in self._names:
+                    own = f"{self._names[joint]}/{drive.kind}_target"
+                    column = column if own in self._controlled else own
+                self._controlled[column] = drive
 
 
 def _only_walker(environment: composer.Environment) -> Any:

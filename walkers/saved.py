@@ -123,7 +123,7 @@ def _taken_over(
     model = mujoco.MjModel.from_xml_path(str(path))
     if not model.nactuator:
         raise ValueError(
-            f"{path}: it has no actuators; give configs of those that its joints are to have"
+            f"{path}: it has no actuator; give configs of the actuators that its joints are to have"
         )
     alone: dict[str, dict[str, Mapping[str, Any] | None]] = {}
     several: dict[tuple[str, ...], dict[str, Mapping[str, Any]]] = {}

@@ -291,12 +291,11 @@ def _beyond(robot: Robot, route: Route, ends: Sequence[float]) -> str:
         return ""
     unit = ""
     if route.joint is not None:
-        unit = Channel(joint=route.joint.name, signal=drive.kind).unit(slide=route.joint.slide)
+        unit = f" {Channel(joint='', signal=drive.kind).unit(slide=route.joint.slide)}"
     return (
-        f"{route.column} goes from {min(ends):.3g} to {max(ends):.3g} {unit}".rstrip()
-        + ", and "
+        f"{route.column} goes from {min(ends):.3g} to {max(ends):.3g}{unit}, and "
         f"{model.actuator(drive.actuator).name or 'its actuator'}, "
-        f'ctrlrange="{limits[0]:.4g} {limits[1]:.4g}", takes {low:.4g} to {high:.4g} {unit}'.rstrip()
+        f'ctrlrange="{limits[0]:.4g} {limits[1]:.4g}", takes {low:.4g} to {high:.4g}{unit}'
     )
 
 

@@ -17,7 +17,7 @@ from walkerkit.gap.simulation.commands import Hold, Route, between_samples, rout
 from walkerkit.gap.simulation.floating import FloatingBase
 from walkerkit.gap.simulation.interpolate import delayed, made_delay
 from walkerkit.gap.simulation.robot import Joint, Robot
-from walkerkit.gap.simulation.start import memory, rest
+from walkerkit.gap.simulation.start import HELD, ROUNDED, memory, rest
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
@@ -163,6 +163,8 @@ class Group:
             gears = gears * model.actuator_gear[model.actuator_outadr[a], 0]
             steps = gears[:, None, None] * _steps(ctrl[..., index])
             late = made_delay(delay[:, a], model.opt.timestep) / model.opt.timestep
+            if model.actuator_history[a, 1] == HELD:
+                late = np.ceil(late - ROUNDED)
             for age in np.unique(late):
                 rows, whole = np.flatnonzero(late == age), math.floor(age)
                 for shift, part in ((whole, 1 - age + whole), (whole + 1, age - whole)):

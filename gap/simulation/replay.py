@@ -359,8 +359,9 @@ class Replay:
         """Whole states in which the model's loops are closed, with their addresses.
 
         Args:
-            qpos, qvel: (n, n_segments, n_known) what is measured.
-            places: its addresses.
+            qpos: (n, n_segments, n_known) positions that are measured.
+            qvel: their velocities.
+            places: their addresses.
         """
         model, known = self.robot.model, list(places[1])
         # What lies between a motor and its link is bent later, by what it carries.
