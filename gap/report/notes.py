@@ -214,8 +214,8 @@ def _passive(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
     found: dict[str, None] = {}
     for recording in recordings:
         driven = {r.joint.name for r in routes(robot, recording) if r.joint is not None}
-        passive = (joint for joint in recording.joints if joint not in driven | moved)
-        found.update(dict.fromkeys(passive))
+        loose = by_effort_alone(robot, recording)
+        found.update(dict.fromkeys(joint for joint in loose if joint not in driven | moved))
     if found:
         names = ", ".join(map(repr, found))
         yield (
@@ -307,7 +307,7 @@ def _lacking(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
     alike: dict[str, list[str]] = {}
     for name, joint in robot.joints.items():
         without = [log for log, one in logs.items() if name not in one.joints]
-        if without and name not in inner:
+        if without and name not in inner and name not in robot.loops.joints:
             which = "" if len(without) == len(logs) else f", in {', '.join(without)}"
             alike.setdefault(f"{_unlogged(robot, joint)}{which}", []).append(name)
     if alike:
@@ -329,6 +329,7 @@ def _unlogged(robot: Robot, joint: Joint) -> str:
         unit = Channel(joint=joint.name, signal=drive.kind).unit(slide=joint.slide)
         return f"held at {at:.4g} {unit} by its actuator"
     own = np.isin(model.actuator_trntype, _ON_JOINT) & (model.actuator_trnid[:, 0] == joint.id)
+    own[[one.actuator for one in robot.movers if joint.name in one.joints]] = True
     sent = control[model.actuator_ctrladr[own]]
     if len(sent) == len(joint.drives) and not sent.any():
         return "free"  # there are motors at most

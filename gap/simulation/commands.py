@@ -110,11 +110,14 @@ def _by_name(robot: Robot, recording: Recording, source: str, known: Container[s
             column = f"{name}/{kind}_target"
             if column not in recording.columns or column in known:
                 continue
-            if kind not in inputs:
+            bound = robot.joints[name].taker(kind) if name in robot.joints and name in robot.loops.joints else None
+            drive = inputs.get(kind) or bound
+            if drive is None:
                 raise InputError(unknown_target(robot, recording, name, kind, source))
-            drive = inputs[kind]
             joint = of_joint.get(drive.ctrl)
-            if joint is not None and joint.name not in recording.joints:
+            # One that follows others needs no encoder.
+            known = joint is None or joint.name in {*recording.joints, *robot.loops.joints}
+            if joint is not None and not known:
                 raise InputError(
                     f"{source}: column `{column}` is for joint {joint.name!r} of {robot.source}, "
                     f"which has no position here. Add `{joint.name}/position`, or leave it out."

@@ -44,8 +44,12 @@ class Loops:
     def __init__(self, model: mujoco.MjModel):
         self._model = model
         self._data = rest(model)
-        self.any = bool(model.neq) and bool(self._residual()[0].size)
+        _, jacobian = self._residual() if model.neq else ([], np.zeros((0, model.nv)))
+        self.any = bool(len(jacobian))
         """Whether there are such."""
+        dofs = np.flatnonzero(np.abs(jacobian).max(axis=0, initial=0.0) > _MOVES)
+        self.joints = frozenset(model.joint(j).name for j in np.unique(model.dof_jntid[dofs]))
+        """Names of the joints that they bind."""
 
     def closed(
         self, qpos: FloatArray, qvel: FloatArray, known: Sequence[int]

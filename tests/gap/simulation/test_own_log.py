@@ -16,7 +16,7 @@ ELEMENTS = {
         'biastype="affine" biasprm="0 -20 -1"/>'
     ),
     "within": (
-        '<general {} dyntype="filter" actlimited="true" actrange="-.2 1" dynprm="0.03" '
+        '<general {} dyntype="filter" actlimited="true" actrange="-1.3 .2" dynprm="0.03" '
         'gainprm="20" biastype="affine" biasprm="0 -20 -1"/>'
     ),
     "velocity": '<velocity {} kv="2"/>',
