@@ -110,7 +110,11 @@ def _by_name(robot: Robot, recording: Recording, source: str, known: Container[s
             column = f"{name}/{kind}_target"
             if column not in recording.columns or column in known:
                 continue
-            bound = robot.joints[name].taker(kind) if name in robot.joints and name in robot.loops.joints else None
+            bound = (
+                robot.joints[name].taker(kind)
+                if name in robot.joints and name in robot.loops.joints
+                else None
+            )
             drive = inputs.get(kind) or bound
             if drive is None:
                 raise InputError(unknown_target(robot, recording, name, kind, source))

@@ -97,7 +97,10 @@ def cases():
     for e, element in enumerate(ELEMENTS):
         for t, transmission in enumerate(TRANSMISSIONS):
             yield pytest.param(
-                element, transmission, *WAYS[(3 * e + t) % len(WAYS)], id=f"{element} {transmission}"
+                element,
+                transmission,
+                *WAYS[(3 * e + t) % len(WAYS)],
+                id=f"{element} {transmission}",
             )
 
 
