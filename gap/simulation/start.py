@@ -150,7 +150,7 @@ def _arrived(commands: FloatArray, late: float, *, held: bool) -> FloatArray:
     Args:
         commands: the commands of each step.
         late: by how many steps they are.
-        held: whether the last one counts between two of them, and not the line from one to the next.
+        held: whether the last one counts between two of them, and not the line between both.
     """
     steps = np.arange(commands.shape[-1]) - late
     before = np.floor(steps + ROUNDED).astype(np.intp)

@@ -20,7 +20,7 @@ SIGNALS = ("position", "velocity", "effort")
 
 
 def own_log(model, rows=130, seed=0, hidden=(), scale=1.0):
-    """Targets within reach of each actuator, held from row to row, and what the model makes of them.
+    """Targets of each actuator, held from row to row, and what the model makes of them.
 
     Args:
         model: the compiled model.

@@ -83,7 +83,9 @@ def arm(actuator, transmission="joint", gear=1.0, delay="", integrator="implicit
           </body>
         </body>
       </worldbody>
-      <tendon><fixed name="t"><joint joint="a" coef=".7"/><joint joint="b" coef=".4"/></fixed></tendon>
+      <tendon>
+        <fixed name="t"><joint joint="a" coef=".7"/><joint joint="b" coef=".4"/></fixed>
+      </tendon>
       <actuator>
         <position name="p" joint="b" kp="5" kv=".3"/>
         {actuator.format(driven)}
