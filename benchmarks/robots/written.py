@@ -57,10 +57,10 @@ _SERVOS = """
 
 _LEG = """
   <worldbody>
-    <geom name="floor" type="plane" size="5 5 0.1"/>
+    <geom name="floor" type="plane" size="5 5 0.1" contype="1"/>
     <body name="base" pos="0 0 1">
       {}
-      <geom type="sphere" size="0.1" mass="3"/>
+      <geom type="sphere" size="0.1" mass="3" conaffinity="1"/>
       <body name="thigh">
         <joint name="hip" range="-1 1"/>
         <geom fromto="0 0 0 0 0 -0.4" size="0.03" mass="1"/>
