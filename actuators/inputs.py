@@ -3,8 +3,8 @@
     XmlInputsActuatorCfg(joint_names_expr=("elbow",))
 
 A joint may have a `<position>` and a `<velocity>` actuator side by side, a `<dcmotor>`, or a
-`<pid>` with inputs for position, velocity and effort. Each target goes to the control that takes it,
-in units of the joint; a voltage is asked for by `effort_target`, as of `BuiltinDcMotorActuatorCfg`.
+`<pid>` with inputs for position, velocity and effort. Each target goes to the control that takes
+it, in units of the joint; a voltage is asked for by `effort_target`, as of `BuiltinDcMotorActuatorCfg`.
 Their gains are MuJoCo's and cannot be randomized; their efforts are what MuJoCo made in the last
 physics step, of all of a joint's actuators together.
 """
@@ -258,7 +258,8 @@ class XmlInputsActuator(TargetedActuator):
                 first = int(model.actuator_actadr[actuator])
                 places += range(first, first + int(model.actuator_actnum[actuator]))
         if places:
-            act[(..., places) if rows is None else np.ix_(rows, places)] = 0.0
+            columns = np.array(places, dtype=np.intp)
+            act[(..., columns) if rows is None else np.ix_(rows, columns)] = 0.0
         self._started[slice(None) if rows is None else rows] = False
         self._all_started = False
 

@@ -106,6 +106,8 @@ class RobotLog:
         states = np.array(self._states).reshape(rows, self._model.nq + self._model.nv)
         qpos, qvel = np.split(states, [self._model.nq], axis=1)
         efforts = np.array(self._efforts).reshape(rows, self._model.nv)
+        # A target that began in the middle of an episode was not asked for before.
+        sent = {name: np.pad(v, (rows - len(v), 0)) for name, v in self._targets.items()}
         columns: dict[str, FloatArray] = {}
         if self._base is not None:
             columns.update(zip(_BASE_POSITION, qpos[:, self._base[0]].T, strict=True))
@@ -117,16 +119,11 @@ class RobotLog:
             if id_ in self._driven:
                 columns[f"{name}/effort"] = efforts[:, dof]
             columns.update(
-                (column, self._targets[column])
+                (column, sent[column])
                 for target in TARGETS
-                if (column := f"{name}/{target}") in self._targets
+                if (column := f"{name}/{target}") in sent
             )
-        columns |= {name: sent for name, sent in self._targets.items() if name not in columns}
-        # A target that began in the middle of an episode was not asked for before.
-        return {
-            name: np.pad(values, (rows - len(values), 0)) if name in self._targets else values
-            for name, values in columns.items()
-        }
+        return columns | {name: values for name, values in sent.items() if name not in columns}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -179,7 +176,8 @@ class RobotLog:
         if not elements:
             return []
         root = elements[0].root
-        return element_ids(self._model, elements, mujoco.mjtObj.mjOBJ_ACTUATOR, root).tolist()
+        ids = element_ids(self._model, elements, mujoco.mjtObj.mjOBJ_ACTUATOR, root)
+        return [int(a) for a in ids]
 
     def _find_controls(self, ours: list[int]) -> None:
         """Where the targets of MuJoCo's other actuators can be read from their controls."""

@@ -165,8 +165,9 @@ def notes(
         )
     if gap.horizon is not None:
         yield (
-            f"{_why_restarted(logged)}, so replays restart from the measured state every {gap.horizon:g} s; what the "
-            "noise of that state makes of them is part of the noise floor."
+            f"{_why_restarted(logged)}, so replays restart from the measured state every "
+            f"{gap.horizon:g} s; what the noise of that state makes of them is part of the noise "
+            "floor."
         )
     yield from dict.fromkeys(note for robot in problem.robots for note in robot.notes)
     yield from _of_recordings([*seen.values()])

@@ -15,21 +15,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drive import Drive, TargetKind
+from walkerkit.actuators.drive import Drive
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.simulation.interpolate import NEAREST
 from walkerkit.gap.simulation.loops import held_by_loops
 from walkerkit.gap.simulation.robot import Joint, Robot
-from walkerkit.gap.simulation.untaken import check_taken, no_actuator, unknown_target
+from walkerkit.gap.simulation.untaken import KINDS, check_taken, no_actuator, unknown_target
 
 FloatArray = NDArray[np.float64]
 
 Hold = Literal["zero_order", "linear", "next"]
 
 _STEP = 4.0  # times what a target moves just before and after, which no motion does
-
-_KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort", "voltage")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +79,7 @@ def _targets_of_joint(
 ) -> Iterator[tuple[str, Drive | None]]:
     """Columns of a joint's targets, each with what takes it: None where it is effort beside it."""
     joint = robot.joints[name]
-    logged = [kind for kind in _KINDS if f"{name}/{kind}_target" in recording.columns]
+    logged = [kind for kind in KINDS if f"{name}/{kind}_target" in recording.columns]
     own = {drive.kind: drive for drive in robot.inputs.get(name, ())}
     for kind in logged:
         drive = joint.taker(kind) or own.get(kind)
@@ -106,22 +104,18 @@ def _by_name(robot: Robot, recording: Recording, source: str, known: Container[s
     found = []
     for name in recording.commanded:
         inputs = {drive.kind: drive for drive in robot.inputs.get(name, ())}
-        for kind in _KINDS:
+        for kind in KINDS:
             column = f"{name}/{kind}_target"
             if column not in recording.columns or column in known:
                 continue
-            bound = (
-                robot.joints[name].taker(kind)
-                if name in robot.joints and name in robot.loops.joints
-                else None
-            )
-            drive = inputs.get(kind) or bound
+            drive = inputs.get(kind)
+            if drive is None and name in robot.joints and name in robot.loops.joints:
+                drive = robot.joints[name].taker(kind)
             if drive is None:
                 raise InputError(unknown_target(robot, recording, name, kind, source))
             joint = of_joint.get(drive.ctrl)
             # One that follows others needs no encoder.
-            known = joint is None or joint.name in {*recording.joints, *robot.loops.joints}
-            if joint is not None and not known:
+            if joint is not None and joint.name not in {*recording.joints, *robot.loops.joints}:
                 raise InputError(
                     f"{source}: column `{column}` is for joint {joint.name!r} of {robot.source}, "
                     f"which has no position here. Add `{joint.name}/position`, or leave it out."
@@ -146,9 +140,10 @@ def by_effort_alone(robot: Robot, recording: Recording) -> tuple[str, ...]:
         if route.joint is not None and route.drive is not None and route.drive.actuator in servos
     }
     held.update(name for one in robot.movers if one.actuator in servos for name in one.joints)
-    if not set(recording.joints) <= held:
-        held = robot.made.get(("held", frozenset(held)), lambda: held_by_loops(robot.model, held))
-    return tuple(name for name in recording.joints if name not in held)
+    if set(recording.joints) <= held:
+        return ()
+    every = robot.made.get(("held", frozenset(held)), lambda: held_by_loops(robot.model, held))
+    return tuple(name for name in recording.joints if name not in every)
 
 
 def driven_by_effort(robot: Robot, recording: Recording) -> bool:

@@ -219,17 +219,17 @@ def _per_control(model: mujoco.MjModel, drive: Drive, gain: FloatArray) -> Float
     a, none = drive.actuator, np.zeros(len(gain))
     if drive.law == "affine":
         # An activation does not jump.
-        return none if model.actuator_actnum[a] else gain[:, 0]
+        return none if model.actuator_actnum[a] else none + gain[:, 0]
     if drive.law == "pid":
         by_kind = dict(zip(("position", "velocity"), -model.actuator_biasprm[a, 1:3], strict=True))
-        return none + by_kind.get(drive.kind, 1.0)
+        return none + float(by_kind.get(drive.kind, 1.0))
     resistance, constant, *_ = gain.T
     if model.actuator_dynprm[a, 0] or model.actuator_dynprm[a, 7]:
         return none  # neither does the current of a winding, nor a target whose slope is limited
     places = {"position": 4, "velocity": 6}
     if drive.kind in places:
-        return gain[:, places[drive.kind]]
-    return constant / resistance if drive.kind == "voltage" else none + 1.0
+        return none + gain[:, places[drive.kind]]
+    return none + (constant / resistance if drive.kind == "voltage" else 1.0)
 
 
 def _alike(values: NDArray[Any]) -> bool:

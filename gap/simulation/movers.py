@@ -101,18 +101,13 @@ def _moved(model: mujoco.MjModel) -> list[tuple[str, ...]]:
     found = []
     for actuator in range(model.nactuator):
         first = int(model.actuator_outadr[actuator])
-        dofs = []
+        dofs: list[int] = []
         for output in range(first, first + int(model.actuator_outnum[actuator])):
             start, n = int(data.moment_rowadr[output]), int(data.moment_rownnz[output])
             dofs += data.moment_colind[start : start + n].tolist()
-        joints = np.unique(model.dof_jntid[dofs]) if dofs else []
-        found.append(
-            tuple(
-                model.joint(int(joint)).name
-                for joint in joints
-                if model.jnt_type[joint] in SCALAR_JOINTS and model.joint(int(joint)).name
-            )
-        )
+        joints = sorted({int(joint) for joint in model.dof_jntid[dofs]})
+        scalar = (j for j in joints if model.jnt_type[j] in SCALAR_JOINTS)
+        found.append(tuple(model.joint(j).name for j in scalar if model.joint(j).name))
     return found
 
 

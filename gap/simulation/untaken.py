@@ -13,6 +13,7 @@ from walkerkit.gap.simulation.robot import Joint, Robot
 if TYPE_CHECKING:
     from walkerkit.gap.simulation.commands import Route
 
+KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort", "voltage")
 _GEARED = 3.0  # a gear; a weak servo falls short of its target by less
 _ABOUT = 1.25  # times
 _CONFIGS: Mapping[TargetKind, tuple[str, str]] = {  # of a walker's actuators that MuJoCo runs
@@ -38,11 +39,7 @@ def check_taken(robot: Robot, recording: Recording, source: str, found: Sequence
     for name in recording.joints:
         drives = robot.joints[name].commanded
         if drives and not any(drive.actuator in sent for drive in drives):
-            logged = [
-                kind
-                for kind in ("position", "velocity", "effort", "voltage")
-                if recording.signal(name, f"{kind}_target") is not None
-            ]
+            logged = [kind for kind in KINDS if f"{name}/{kind}_target" in recording.columns]
             wanted = " or ".join(dict.fromkeys(f"`{name}/{drive.kind}_target`" for drive in drives))
             raise InputError(
                 f"{source}: joint {name!r} has an actuator for {drives[0].kind} "

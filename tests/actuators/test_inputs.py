@@ -132,7 +132,8 @@ def test_a_reset_forgets_an_integral():
 
 
 def test_volts_are_asked_for_by_an_effort():
-    group, physics = built(general(name="m", **MOTOR, input="voltage", gainprm="0.5 0.1", dynprm="0"))
+    motor = general(name="m", **MOTOR, input="voltage", gainprm="0.5 0.1", dynprm="0")
+    group, physics = built(motor)
     group.apply(ActuatorCmd(effort_target=np.array([3.0])))
     np.testing.assert_array_equal(physics.data.ctrl, [3.0])
     physics.step()

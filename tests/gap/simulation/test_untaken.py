@@ -124,7 +124,7 @@ def test_what_is_missing_is_said(name, recording, message):
 
 def test_an_actuator_without_a_name_is_asked_to_have_one():
     text = WRITTEN["gripper_on_a_tendon"].replace('name="grip" ', "")
-    with pytest.raises(InputError, match="has no name by which.*Name it in the model"):
+    with pytest.raises(InputError, match=r"has no name by which.*Name it in the model"):
         routes(robot(text), log(*GRIPPER, joints=FINGERS))
 
 
@@ -134,6 +134,16 @@ def test_the_second_actuator_of_a_kind_goes_by_its_name():
         ("shoulder", 0),
         ("elbow", 1),
         ("elbow", 2),
+    ]
+
+
+def test_all_of_them_may_go_by_their_names():
+    names = ("shoulder/position_target", "p/position_target", "v/velocity_target")
+    found = routes(robot("pair"), log(*names))
+    assert [(r.column, r.joint.name, r.drive.kind) for r in found] == [
+        ("shoulder/position_target", "shoulder", "position"),
+        ("p/position_target", "elbow", "position"),
+        ("v/velocity_target", "elbow", "velocity"),
     ]
 
 
