@@ -4,9 +4,9 @@
 
 A joint may have a `<position>` and a `<velocity>` actuator side by side, a `<dcmotor>`, or a
 `<pid>` with inputs for position, velocity and effort. Each target goes to the control that takes
-it, in units of the joint; a voltage is asked for by `effort_target`, as of `BuiltinDcMotorActuatorCfg`.
-Their gains are MuJoCo's and cannot be randomized; their efforts are what MuJoCo made in the last
-physics step, of all of a joint's actuators together.
+it, in units of the joint; a voltage is asked for by `effort_target`, as of
+`BuiltinDcMotorActuatorCfg`. Their gains are MuJoCo's and cannot be randomized; their efforts are
+what MuJoCo made in the last physics step, of all of a joint's actuators together.
 """
 
 from __future__ import annotations

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import mujoco
-import numpy as np
 
 from walkerkit.actuators.drive import (
     SCALAR_JOINTS,
