@@ -125,7 +125,7 @@ def _taken_over(
         raise ValueError(
             f"{path}: it has no actuator; give configs of the actuators that its joints are to have"
         )
-    alone: dict[str, dict[str, Mapping[str, Any] | None]] = {}
+    alone: dict[tuple[str, bool], dict[str, Mapping[str, Any] | None]] = {}
     several: dict[tuple[str, ...], dict[str, Mapping[str, Any]]] = {}
     for joint in range(model.njnt):
         name = model.joint(joint).name
@@ -137,11 +137,17 @@ def _taken_over(
         given = commands.get(name, {})
         if len(ids) == 1 and len(drives) == 1 and next(iter(drives.values())).law == "affine":
             (drive,) = drives.values()
-            alone.setdefault(drive.kind, {})[name] = given.get(drive.kind)
+            scale = given.get(drive.kind)
+            alone.setdefault((drive.kind, scale is None), {})[name] = scale
         elif drives:
             several.setdefault(tuple(drives), {})[name] = given
     return (
-        *(_of_kind(config, alone[kind]) for kind, config in _CONFIGS.items() if kind in alone),
+        *(
+            _of_kind(config, alone[kind, as_in_xml])
+            for kind, config in _CONFIGS.items()
+            for as_in_xml in (False, True)
+            if (kind, as_in_xml) in alone
+        ),
         *(_of_several(targets, of_joints) for targets, of_joints in several.items()),
     )
 
@@ -149,13 +155,11 @@ def _taken_over(
 def _of_kind(
     config: type[XmlActuatorCfg], of_joints: Mapping[str, Mapping[str, Any] | None]
 ) -> ActuatorCfg:
-    """One config for joints with one actuator each, with what a target means to each."""
+    """One config for joints with one actuator each, with what a target means to each or none."""
     names = tuple(map(_exactly, of_joints))
     known = {_exactly(joint): scale for joint, scale in of_joints.items() if scale is not None}
     if not known:
         return config(joint_names_expr=names)
-    if len(known) < len(names):
-        raise KeyError(next(name for name in names if name not in known))
     return config(
         joint_names_expr=names,
         slope={joint: _finite(scale["slope"]) for joint, scale in known.items()},

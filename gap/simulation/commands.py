@@ -80,7 +80,8 @@ def _targets_of_joint(
     """Columns of a joint's targets, each with what takes it: None where it is effort beside it."""
     joint = robot.joints[name]
     logged = [kind for kind in KINDS if f"{name}/{kind}_target" in recording.columns]
-    own = {drive.kind: drive for drive in robot.inputs.get(name, ())}
+    # A tendon's actuator may have the name of a joint.
+    own = {drive.kind: drive for one in robot.movers if one.name == name for drive in one.inputs}
     for kind in logged:
         drive = joint.taker(kind) or own.get(kind)
         if drive is None and kind == "effort":
