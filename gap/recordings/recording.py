@@ -9,9 +9,10 @@ One column per signal, `<joint>/<signal>`, beside `time` in seconds; SI units an
 is everything before the last slash. Optional: of the base `base/position_x…z` and
 `base/linear_velocity_x…z` (world frame), `base/quaternion_w…z` (base to world),
 `base/angular_velocity_x…z` (base frame), as a MuJoCo free joint has them; the supply's `voltage`;
-and `<joint>/current`, which is kept though nothing reads it. Every joint has a `position` and at
-least one joint a target; a joint without one is passive. A recording that cannot be used raises
-InputError: one line that says where, what, and how to mend it.
+and `<joint>/current`, which is kept though nothing reads it. Every joint has a `position`, and at
+least one target is logged: of a joint, or of an actuator, `<actuator>/position_target`, where that
+drives a tendon or a site and so no joint alone. A recording that cannot be used raises InputError:
+one line that says where, what, and how to mend it.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ SIGNALS = (
     "position_target",
     "velocity_target",
     "effort_target",
+    "voltage_target",
 )
 TARGETS = SIGNALS[3:]
 MAY_BE_EMPTY = ("velocity", "effort", "current", "voltage")
@@ -142,6 +144,12 @@ class Recording:
                 if f"{joint}/position" in self.columns
             )
         )
+
+    @functools.cached_property
+    def commanded(self) -> tuple[str, ...]:
+        """Names that have a target and no position: of actuators, as far as a log can tell."""
+        named = (joint for joint, signal in map(_split, self.columns) if signal in TARGETS)
+        return tuple(dict.fromkeys(name for name in named if name not in self.joints))
 
     @property
     def duration(self) -> float:
@@ -306,7 +314,8 @@ class Recording:
             joint, signal = _split(name)
             if name not in used:
                 raise self._error(f"nothing uses the column {name!r}. Name it in `unused` only")
-            if signal in SIGNALS and joint not in joints:
+            # A target alone may be an actuator's; whether it is, the model says.
+            if signal in SIGNALS and joint not in joints and not (joints and signal in TARGETS):
                 raise self._error(
                     f"joint {joint!r} has {name!r} but no position{closest(joint, joints)}. "
                     f"Add '{joint}/position' or rename the column"
@@ -319,7 +328,8 @@ class Recording:
         if not any(_split(name)[1] in TARGETS for name in self.columns):
             raise self._error(
                 f"no joint has a target: add the command that was sent, such as "
-                f"'{min(joints)}/position_target' (or velocity_target, effort_target)"
+                f"'{min(joints)}/position_target' (or velocity_target, effort_target, "
+                "voltage_target)"
             )
         missing = [name for name in QUATERNION if name not in self.columns]
         if 0 < len(missing) < 4:
@@ -491,5 +501,3 @@ def _notes(recording: Recording) -> Iterator[str]:
     for joint in recording.joints:
         if np.ptp(recording.columns[f"{joint}/position"]) == 0:
             yield f"joint {joint!r} never moves"
-        if all(recording.signal(joint, target) is None for target in TARGETS):
-            yield f"joint {joint!r} has no target and is taken as passive"
