@@ -331,7 +331,9 @@ class XmlInputsActuator(TargetedActuator):
     @property
     def applied_effort(self) -> FloatArray:
         """As in `Actuator`."""
-        return np.clip(self.computed_effort, *self._behind.T)
+        low, high = self._behind.T
+        effort: FloatArray = np.clip(self.computed_effort, low, high)
+        return effort
 
     def _own(self) -> Mapping[str, FloatArray]:
         return {}

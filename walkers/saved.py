@@ -189,11 +189,11 @@ def _has(joints: Collection[str] | None, name: str) -> bool:
 
 
 def _lags(command: Mapping[str, Any], kinds: Collection[str], step: float) -> Lags:
-    """How many steps late a joint's targets are, for each kind of which it is known."""
+    """The kinds of a joint's targets that are late."""
     return tuple(
-        (kind, round(_finite(command[kind].get("late", 0.0)) / step))
+        (kind, lag)
         for kind in kinds
-        if kind in command
+        if kind in command and (lag := round(_finite(command[kind].get("late", 0.0)) / step))
     )
 
 

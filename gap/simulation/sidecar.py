@@ -141,16 +141,17 @@ def _parameters(law: str, values: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _commanded(joint: Joint, command: Mapping[str, Any]) -> Joint:
-    known = command.get(joint.name, {})
+    known = dict(command.get(joint.name, {}))
 
     def own(drive: Drive) -> Drive:
-        if drive.kind not in known:
+        scale = known.pop(drive.kind, None)  # it is of the first drive of its kind
+        if scale is None:
             return drive
         return replace(
             drive,
-            slope=_finite(known[drive.kind]["slope"]),
-            offset=_finite(known[drive.kind]["offset"]),
-            late=_finite(known[drive.kind].get("late", 0.0)),
+            slope=_finite(scale["slope"]),
+            offset=_finite(scale["offset"]),
+            late=_finite(scale.get("late", 0.0)),
         )
 
     return replace(

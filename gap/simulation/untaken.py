@@ -38,17 +38,18 @@ def check_taken(robot: Robot, recording: Recording, source: str, found: Sequence
     sent = {route.drive.actuator for route in found if route.drive is not None}
     controls = {route.drive.ctrl for route in found if route.drive is not None}
     for name in recording.joints:
-        drives = robot.joints[name].commanded
-        lacks = drives and not any(drive.actuator in sent for drive in drives)
+        joint = robot.joints[name]
         # A law in Python cannot do without its first target.
-        if lacks or (robot.joints[name].in_python and drives[0].ctrl not in controls):
+        drives = joint.drives if joint.in_python else joint.commanded
+        known = [d.ctrl in controls if d.in_python else d.actuator in sent for d in drives]
+        if drives and not any(known):
             logged = [kind for kind in KINDS if f"{name}/{kind}_target" in recording.columns]
             wanted = " or ".join(dict.fromkeys(f"`{name}/{drive.kind}_target`" for drive in drives))
             raise InputError(
                 f"{source}: joint {name!r} has an actuator for {drives[0].kind} "
                 f"in {robot.source}, but the recording has no {wanted}. Log that target, or give "
                 "the joint the actuator that its drive really has."
-                f"{_native_twin(robot.joints[name], logged)}"
+                f"{_native_twin(joint, logged)}"
             )
     for mover in robot.movers:
         moved = [name for name in mover.joints if name in recording.joints]
