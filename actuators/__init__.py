@@ -27,6 +27,7 @@ from walkerkit.actuators.explicit import (
 )
 from walkerkit.actuators.fields import choice, number
 from walkerkit.actuators.group import ActuatorGroup
+from walkerkit.actuators.inputs import XmlInputsActuatorCfg
 from walkerkit.actuators.laws.dc_motor import DcMotorLaw
 from walkerkit.actuators.laws.law import Law
 from walkerkit.actuators.laws.pd import PdLaw
@@ -99,6 +100,7 @@ __all__ = [
     "RemotizedPdActuatorCfg",
     "Step",
     "XmlActuatorCfg",
+    "XmlInputsActuatorCfg",
     "XmlMotorActuatorCfg",
     "XmlPositionActuatorCfg",
     "XmlVelocityActuatorCfg",

@@ -181,6 +181,16 @@ class Actuator(abc.ABC):
         """MuJoCo's actuators that it works through, in the order of `joint_names`."""
 
     @property
+    def beside(self) -> tuple[mjcf.Element, ...]:
+        """MuJoCo's actuators that it works through besides `elements`, in any order."""
+        return ()
+
+    @property
+    def apart(self) -> frozenset[str]:
+        """The targets that have a control of their own besides that of `ctrl_ids`."""
+        return frozenset()
+
+    @property
     @abc.abstractmethod
     def positions(self) -> FloatArray:
         """Where its joints are [rad; m], (..., n_joints), perhaps a live view."""

@@ -65,7 +65,8 @@ class TargetedActuatorCfg(ActuatorCfg):
 
     Attributes:
         joint_names_expr: full-match regular expressions of the names of the joints (or tendons, or
-            sites) that it drives, each with an actuator of its own.
+            sites) that it drives, each with an actuator of its own. A joint that follows another by
+            an equality constraint gets one only from an expression that leaves that other out.
         transmission: what these are names of: `joint`, `tendon` or `site`. On a tendon "position"
             is its length [m], on a site the length that MuJoCo gives it (zero but with `refsite`).
         gear: with `transmission="site"`, the direction in which it pushes and turns, in the site's

@@ -341,6 +341,16 @@ class DelayedActuator(Actuator):
         return self.base.positions
 
     @property
+    def beside(self) -> tuple[Any, ...]:
+        """As in `Actuator`."""
+        return self.base.beside
+
+    @property
+    def apart(self) -> frozenset[str]:
+        """As in `Actuator`."""
+        return self.base.apart
+
+    @property
     def computed_effort(self) -> FloatArray:
         """As in `Actuator`."""
         return self.base.computed_effort

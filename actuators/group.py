@@ -44,6 +44,7 @@ class ActuatorGroup:
 
     Args:
         cfgs: their configs.
+        may_be_none: there need not be any.
 
     Attributes:
         actuators: the actuators, in the order of the configs.
@@ -53,12 +54,12 @@ class ActuatorGroup:
         ValueError: there is none.
     """
 
-    def __init__(self, cfgs: ActuatorCfg | Iterable[ActuatorCfg]):
+    def __init__(self, cfgs: ActuatorCfg | Iterable[ActuatorCfg], *, may_be_none: bool = False):
         configs = (cfgs,) if isinstance(cfgs, ActuatorCfg) else tuple(cfgs)
         for cfg in configs:
             if not isinstance(cfg, ActuatorCfg):
                 raise TypeError(f"actuators should be actuator configs, got {cfg!r}")
-        if not configs:
+        if not configs and not may_be_none:
             raise ValueError("actuators is empty: give at least one actuator config")
         self.cfgs = configs
         self.actuators: tuple[Actuator, ...] = tuple(cfg.build() for cfg in configs)
@@ -132,7 +133,7 @@ class ActuatorGroup:
         """
         for actuator in self.actuators:
             actuator.initialize(physics)
-        self._simulation = self.actuators[0].simulation
+        self._simulation = Simulation.of(physics)
         self._ctrl = self._simulation.state("ctrl")
         self._ctrl_at = tuple(
             last_axis(self._ctrl, actuator.ctrl_ids) for actuator in self.actuators
@@ -281,6 +282,11 @@ class ActuatorGroup:
         return tuple(every)
 
     @property
+    def beside(self) -> tuple[Any, ...]:
+        """MuJoCo's actuators that they work through besides these."""
+        return tuple(element for actuator in self.actuators for element in actuator.beside)
+
+    @property
     def computed_effort(self) -> FloatArray:
         """What the laws asked for in the last step, before any limit [N·m; N]."""
         return self._gather([actuator.computed_effort for actuator in self.actuators])
@@ -311,6 +317,8 @@ class ActuatorGroup:
         return every
 
     def _gather(self, parts: list[NDArray[Any]]) -> NDArray[Any]:
+        if not parts:
+            return np.zeros((*self.simulation.batch_shape, 0))
         if self._simulation is None:
             raise self._unknown()
         every = np.empty((*parts[0].shape[:-1], len(self._joint_names)), dtype=parts[0].dtype)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import re
 import warnings
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -129,9 +130,14 @@ class TargetedActuator(Actuator):
             )
         names = list(named)
         names = [names[i] for i in select(self.cfg.joint_names_expr, names)]
-        targets = {name: named[name] for name in names}
+        chosen = list(range(len(names)))
+        if self.adds_elements and kind == "joint":
+            following = _following(root, self.cfg.joint_names_expr)
+            chosen = [i for i in chosen if names[i] not in following]
+        targets = {names[i]: named[names[i]] for i in chosen}
         numbers = {
-            name: per_joint(value, names, field=name) for name, value in self.cfg.numbers().items()
+            name: per_joint(value, names, field=name)[chosen]
+            for name, value in self.cfg.numbers().items()
         }
         if self.adds_elements:
             self._refuse_taken(targets)
@@ -339,6 +345,30 @@ class TargetedActuator(Actuator):
         if self.cfg.transmission == "joint":
             return np.asarray(self.simulation.model.jnt_dofadr[self._joint_ids], dtype=np.intp)
         return self._joint_ids
+
+
+def drivers(root: mjcf.RootElement) -> dict[str, str]:
+    """The joints that follow another by an equality constraint, each with the one it follows."""
+    return {
+        one.joint1.prefixed_identifier(prefix_root=root.namescope): (
+            one.joint2.prefixed_identifier(prefix_root=root.namescope)
+        )
+        for one in root.find_all("equality")
+        if one.tag == "joint" and one.joint2 is not None and one.active is not False
+    }
+
+
+def _following(root: mjcf.RootElement, expressions: Iterable[str]) -> set[str]:
+    """The joints that an expression matches beside the one that they follow.
+
+    One degree of freedom takes one drive: two would push against each other.
+    """
+    return {
+        follower
+        for follower, driver in drivers(root).items()
+        for expression in expressions
+        if re.fullmatch(expression, follower) and re.fullmatch(expression, driver)
+    }
 
 
 def actuators_of(target: mjcf.Element) -> list[Any]:

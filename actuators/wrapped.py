@@ -110,7 +110,8 @@ class XmlActuator(AffineActuator):
                 f"joint_names_expr={self.cfg.joint_names_expr}: {self.cfg.transmission} {name!r} "
                 f"has {len(found)} actuators in the XML{which}; an Xml… config needs just one: "
                 + (
-                    "leave the joint out, or remove all but one"
+                    "leave the joint out, remove all but one, or take all of them over with "
+                    "XmlInputsActuatorCfg"
                     if found
                     else "leave the joint out, or add one with a Builtin… config"
                 )

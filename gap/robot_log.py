@@ -11,8 +11,10 @@ from dm_control.locomotion.walkers import base
 from numpy.typing import NDArray
 
 from walkerkit.actuators import ActuatorCmd
-from walkerkit.actuators.drive import Drive, read_drive
+from walkerkit.actuators.drive import Drive, on_joint, read_inputs
 from walkerkit.actuators.errors import listed
+from walkerkit.actuators.targeted import element_ids
+from walkerkit.gap.recordings.recording import TARGETS
 from walkerkit.gap.simulated_unit import Unit
 from walkerkit.tasks.suite_physics import ActuatedPhysics
 from walkerkit.walkers.actuated import Actuated
@@ -22,7 +24,6 @@ FloatArray = NDArray[np.float64]
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _BASE_POSITION = tuple(f"base/position_{axis}" for axis in "xyz") + tuple(
     f"base/quaternion_{axis}" for axis in "wxyz"
 )
@@ -61,7 +62,9 @@ class RobotLog:
             if self.drivetrain is not None:
                 _refuse_bypass(environment.task)
             joints, free = _joints_of_walker(physics, walker)
+            self._prefix = str(walker.mjcf_model.full_identifier)
         else:
+            self._prefix = ""
             self.drivetrain = physics.drivetrain if isinstance(physics, ActuatedPhysics) else None
             joints, free = _joints_of_model(self._model)
         self._names = {id_: name for id_, name in joints.items() if self._is_scalar(id_)}
@@ -115,6 +118,8 @@ class RobotLog:
         states = np.array(self._states).reshape(rows, self._model.nq + self._model.nv)
         qpos, qvel = np.split(states, [self._model.nq], axis=1)
         efforts = np.array(self._efforts).reshape(rows, self._model.nv)
+        # A target that began in the middle of an episode was not asked for before.
+        sent = {name: np.pad(v, (rows - len(v), 0)) for name, v in self._targets.items()}
         columns: dict[str, FloatArray] = {}
         if self._unit is not None:
             changes = np.array(self._changes).reshape(rows, self._model.nv)
@@ -128,12 +133,12 @@ class RobotLog:
             columns[f"{name}/velocity"] = qvel[:, dof]
             if id_ in self._driven:
                 columns[f"{name}/effort"] = efforts[:, dof]
-            for target in ("position_target", "velocity_target", "effort_target"):
-                sent = self._targets.get(f"{name}/{target}", [])
-                # A target that began in the middle of an episode was not asked for before.
-                if sent:
-                    columns[f"{name}/{target}"] = np.pad(sent, (rows - len(sent), 0))
-        return columns
+            columns.update(
+                (column, sent[column])
+                for target in TARGETS
+                if (column := f"{name}/{target}") in sent
+            )
+        return columns | {name: values for name, values in sent.items() if name not in columns}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -148,13 +153,15 @@ class RobotLog:
         return slice(qpos, qpos + len(_BASE_POSITION)), slice(dof, dof + len(_BASE_VELOCITY))
 
     def _find_commands(self, drivetrain: Drivetrain) -> list[int]:
-        """Where the actuators of ours get their targets; returns their controls."""
+        """Where the actuators of ours get their targets; returns MuJoCo's ids of them."""
         group = drivetrain.group
         place = {id(element): i for i, element in enumerate(group.elements)}
-        elsewhere: list[str] = []
         for actuator, cfg in zip(group.actuators, group.cfgs, strict=True):
             if getattr(getattr(cfg, "base_cfg", cfg), "transmission", "joint") != "joint":
-                elsewhere += actuator.joint_names
+                # No joint's own, so that its log goes by the actuator's name.
+                for element in actuator.elements:
+                    for target in actuator.takes:
+                        self._commanded[f"{element.name}/{target}"] = target, place[id(element)]
                 continue
             for element, joint in zip(actuator.elements, actuator.joint_ids, strict=True):
                 self._driven.add(int(joint))
@@ -163,25 +170,29 @@ class RobotLog:
                 for target in actuator.takes:
                     column = f"{self._names[int(joint)]}/{target}"
                     self._commanded[column] = target, place[id(element)]
-        if elsewhere:
-            self._notes.append(f"{listed(elsewhere)} are tendons or sites, which no log has")
-        return [int(ctrl) for ctrl in group.ctrl_ids]
+        elements = (*group.elements, *group.beside)
+        if not elements:
+            return []
+        root = elements[0].root
+        ids = element_ids(self._model, elements, mujoco.mjtObj.mjOBJ_ACTUATOR, root)
+        return [int(a) for a in ids]
 
     def _find_controls(self, ours: list[int]) -> None:
         """Where the targets of MuJoCo's other actuators can be read from their controls."""
         model = self._model
         for actuator in range(model.nactuator):
-            joint = int(model.actuator_trnid[actuator, 0])
-            if (
-                model.actuator_ctrladr[actuator] in ours
-                or model.actuator_trntype[actuator] not in _ON_JOINT
-                or joint not in self._names
-            ):
+            name = model.actuator(actuator).name
+            joint = on_joint(model, actuator)
+            if actuator in ours or not name.startswith(self._prefix):
                 continue
-            self._driven.add(joint)
-            drive = read_drive(model, actuator)
-            if drive is not None:
-                self._controlled.setdefault(f"{self._names[joint]}/{drive.kind}_target", drive)
+            if joint is not None and joint in self._names:
+                self._driven.add(joint)
+            for drive in read_inputs(model, actuator):
+                column = f"{name.removeprefix(self._prefix)}/{drive.kind}_target"
+                if joint is not None and joint in self._names:
+                    own = f"{self._names[joint]}/{drive.kind}_target"
+                    column = column if own in self._controlled else own
+                self._controlled[column] = drive
 
 
 def _only_walker(environment: composer.Environment) -> Any:

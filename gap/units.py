@@ -22,6 +22,7 @@ from walkerkit.gap.errors import InputError, refusal
 from walkerkit.gap.recordings.checks import source, without
 from walkerkit.gap.recordings.recording import LONGEST_STEP, Recording
 from walkerkit.gap.simulation.robot import Joint, Robot
+from walkerkit.gap.simulation.untaken import before_gear
 from walkerkit.gap.too_large import looks_like
 from walkerkit.gap.velocities import averaged, disagreement, rates
 
@@ -194,7 +195,8 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
         recording: as it was logged.
 
     Raises:
-        InputError: a position, a target or both are in degrees.
+        InputError: a position, a target or both are in degrees, or a target is that of a motor in
+            front of its gear.
     """
     notes = []
     for name, joint in robot.joints.items():
@@ -225,6 +227,9 @@ def with_checked_angles(robot: Robot, recording: Recording) -> Recording:
                 f"{'' if np.isinf(upper) else f', where {where},'} beside a '{name}/{other}' in "
                 f"radians: looks like {looks_like([values], lower, upper)}.",
             )
+        geared = before_gear(robot, joint, likeness.ratio)
+        if geared and abs(likeness.alike) >= _ALIKE:
+            raise _refused(recording, geared)
         if angles.hardly_follows:
             notes.append(
                 f"{name}/position moves by {abs(likeness.ratio):.2g} of what its target does: the "

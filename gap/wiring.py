@@ -37,7 +37,7 @@ FloatArray = NDArray[np.float64]
 _PARTS = {  # what has wires, or lines of code, of its own
     "P": ("position", "velocity"),
     "T": ("position_target", "velocity_target"),
-    "F": ("effort_target",),
+    "F": ("effort_target", "voltage_target"),
     "E": ("effort",),
 }
 _LENGTH = 1.0  # s, of a stretch of a servoed robot

@@ -59,6 +59,7 @@ from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot, load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.size import check_size
+from walkerkit.gap.simulation.untaken import check_memory
 from walkerkit.gap.stopgap.hints import with_hints
 from walkerkit.gap.units import (
     with_checked_angles,
@@ -355,6 +356,8 @@ def prepare(
     )
     if windowed:
         check_window(window, recordings)
+        for robot, experiment in zip(robots, experiments, strict=True):
+            check_memory(robot, experiment.recordings)
     experiments = rewired_experiments(
         robots, experiments, window=window if windowed else None, n_threads=n_threads
     )

@@ -201,15 +201,19 @@ class FullRangeAction(ActionTerm):
     from the least to the greatest that file and config let it be asked for (`Actuator.reach`). What
     is outside is clipped. Where a builtin motor or velocity drive states nothing, the actuator of
     the file counts that it replaced. Where nothing is stated at all, the span is ±π about the
-    default pose, ±10 rad/s or ±1 N·m.
+    default pose, ±10 rad/s or ±1 N·m. Joints with several controls have numbers for the others
+    behind all of these.
     """
 
     def bind(self, joints: Joints) -> Sequence[BoundTerm]:
         """As in `ActionTerm`."""
         terms = []
         widest = [_widest(takes) for takes in joints.takes]
-        for target, run in groupby(range(len(widest)), widest.__getitem__):
-            chosen = list(run)
+        runs = [(t, list(run)) for t, run in groupby(range(len(widest)), widest.__getitem__)]
+        for target in ("velocity_target", "effort_target"):
+            more = [i for i, apart in enumerate(joints.apart) if target in apart]
+            runs += [(target, more)] if more else []
+        for target, chosen in runs:
             at = np.array(chosen, dtype=np.intp)
             low, high = self._span(joints, target, at)
             terms.append(

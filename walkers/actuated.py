@@ -128,7 +128,8 @@ class Actuated:
     @property
     def actuators(self) -> tuple[Any, ...]:
         """MuJoCo's actuators: ours in the order of `actuator_group.joint_names`, then the kept."""
-        return (*self._drivetrain.group.elements, *self._drivetrain.kept)
+        group = self._drivetrain.group
+        return (*group.elements, *group.beside, *self._drivetrain.kept)
 
     @property
     def action_spec(self) -> specs.BoundedArray:

@@ -35,6 +35,7 @@ from walkerkit.actuators.adoption import Adoption
 from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw, LawRunner
+from walkerkit.actuators.inputs import XmlInputsActuatorCfg
 from walkerkit.actuators.limits import stated_reach
 from walkerkit.actuators.selection import Numbers, select
 from walkerkit.actuators.simulation import Simulation
@@ -48,6 +49,7 @@ Existing = Literal["replace", "keep"]
 Reaches = dict[int, dict[str, FloatArray]]
 """By the id of a joint's element: {target: least and greatest}."""
 
+_FROM_XML = (XmlActuatorCfg, XmlInputsActuatorCfg)
 _DRIVEN = ("joint", "jointinparent", "tendon", "site", "cranksite", "body")
 
 
@@ -76,7 +78,7 @@ class Drivetrain:
     Attributes:
         group: the actuators, whose laws run before each physics step.
         kept: MuJoCo's actuators that are not of this drivetrain; they take the last numbers of an
-            action, as their controls.
+            action, as their controls, one with several inputs as many.
         joints: what is known of the joints that the group drives.
         command: what the actuators are asked for at present.
         last_action: the last action of this episode, zeros before the first.
@@ -100,7 +102,7 @@ class Drivetrain:
     ):
         if existing not in get_args(Existing):
             raise ValueError(f"existing should be one of {get_args(Existing)}, got {existing!r}")
-        self.group = ActuatorGroup(cfgs)
+        self.group = ActuatorGroup(cfgs, may_be_none=existing == "keep")
         replaced = _remove_claimed(root, self.group) if existing == "replace" else {}
         self.group.edit_mjcf(root)
         if not keep_integrator and root.option.integrator is None and _bring_damping(self.group):
@@ -108,17 +110,17 @@ class Drivetrain:
         self.kept: tuple[Any, ...] = tuple(
             element
             for element in root.find_all("actuator")
-            if not any(element is ours for ours in self.group.elements)
+            if not any(element is ours for ours in (*self.group.elements, *self.group.beside))
         )
         self._root = root
         self._randomizations = tuple(randomizations)
         self._laws = LawRunner(laws) if laws else None
-        self.joints, self._kept_ranges = _survey(
+        self.joints, self._kept_ranges, kept_names = _survey(
             root, self.group, self.kept, default or {}, replaced
         )
         terms = (FullRangeAction(),) if action is None else action
         self._commander = Commander(terms if isinstance(terms, Sequence) else (terms,), self.joints)
-        self._names = (*self._commander.names, *map(_kept_name, self.kept))
+        self._names = (*self._commander.names, *kept_names)
         self._ctrl: FloatArray = np.zeros(0)
         self._kept_at: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         self._batch_shape: tuple[int, ...] = ()
@@ -144,7 +146,7 @@ class Drivetrain:
             self.command = self._commander.rest(self._batch_shape)
             self.last_action = np.zeros((*self._batch_shape, len(self._names)))
         ids = element_ids(model, self.kept, mujoco.mjtObj.mjOBJ_ACTUATOR, self._root)
-        self._kept_at = model.actuator_ctrladr[ids].astype(np.intp)
+        self._kept_at = _controls_of(model, ids)
 
     def reset(self, random_state: Any) -> None:
         """Forgets the last episode: delays, histories, the command; draws what is random.
@@ -206,7 +208,7 @@ class Drivetrain:
             RuntimeError: the model has actuators that were kept and is not compiled yet.
             ValueError: the action has another shape, is not finite, or asks for what is not.
         """
-        if len(self._kept_at) != len(self.kept):
+        if len(self._kept_at) != len(self._kept_ranges):
             raise RuntimeError("call initialize(physics) after the model was compiled, then act")
         values = checked_action(action, self._names, self._batch_shape)
         n = self._commander.size
@@ -247,7 +249,7 @@ class Drivetrain:
         """
         positions = self.group.positions if self._commander.relative else None
         wanted = self._commander.action(self._commander.rest() if cmd is None else cmd, positions)
-        return np.concatenate([wanted, np.zeros(len(self.kept))])
+        return np.concatenate([wanted, np.zeros(len(self._kept_ranges))])
 
     @property
     def laws(self) -> tuple[DrivetrainLaw, ...]:
@@ -282,11 +284,19 @@ class Drivetrain:
         )
 
 
-def _kept_name(element: Any) -> str:
-    """An actuator's name, or that of what it drives."""
+def _kept_names(element: Any, inputs: int) -> list[str]:
+    """An actuator's name, or that of what it drives; one with several inputs has one for each."""
     driven = (getattr(element, reference, None) for reference in _DRIVEN)
     named = (one.name for one in (element, *driven) if one is not None and one.name)
-    return str(next(named, element.tag))
+    name = str(next(named, element.tag))
+    return [name] if inputs == 1 else [f"{name}[{k}]" for k in range(inputs)]
+
+
+def _controls_of(model: mujoco.MjModel, actuators: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Where all controls of some actuators are in `ctrl`."""
+    first, count = model.actuator_ctrladr[actuators], model.actuator_ctrlnum[actuators]
+    places = [np.arange(f, f + n) for f, n in zip(first, count, strict=True)]
+    return np.concatenate([np.zeros(0), *places]).astype(np.intp)
 
 
 def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> Reaches:
@@ -299,7 +309,7 @@ def _remove_claimed(root: mjcf.RootElement, group: ActuatorGroup) -> Reaches:
     unlimited: dict[int, list[Any]] = {}
     for cfg in group.cfgs:
         base = getattr(cfg, "base_cfg", cfg)
-        if isinstance(base, TargetedActuatorCfg) and not isinstance(base, XmlActuatorCfg):
+        if isinstance(base, TargetedActuatorCfg) and not isinstance(base, _FROM_XML):
             named = candidates(root, base.transmission)
             targets = list(named.values())
             for i in select(base.joint_names_expr, list(named)):
@@ -326,7 +336,7 @@ def _bring_damping(group: ActuatorGroup) -> bool:
     return any(
         isinstance(cfg, BuiltinDcMotorActuatorCfg) or _any(cfg.numbers().get("damping", 0.0))
         for cfg in added
-        if isinstance(cfg, TargetedActuatorCfg) and not isinstance(cfg, XmlActuatorCfg)
+        if isinstance(cfg, TargetedActuatorCfg) and not isinstance(cfg, _FROM_XML)
     )
 
 
@@ -351,7 +361,7 @@ def _survey(
     kept: Sequence[Any],
     default: Any,
     replaced: Reaches,
-) -> tuple[Joints, FloatArray]:
+) -> tuple[Joints, FloatArray, list[str]]:
     """What there is to know of the joints and of the controls that were kept, compiled once."""
     model = _compiled(root)
     data = mujoco.MjData(model)
@@ -369,6 +379,7 @@ def _survey(
         for name in group.joint_names
     ]
     takes = {name: actuator.takes for actuator in group.actuators for name in actuator.joint_names}
+    apart = {name: actuator.apart for actuator in group.actuators for name in actuator.joint_names}
     reach = {target: group.reach(target) for target in TARGETS}
     for i, target in enumerate(group.driven):
         # Where nothing limits an actuator now, an action spans what the one before it could do.
@@ -382,12 +393,20 @@ def _survey(
         takes=tuple(takes[name] for name in group.joint_names),
         speeds=np.abs(reach["velocity_target"]).max(axis=1),
         efforts=np.abs(group.effort_range).max(axis=1),
+        apart=tuple(apart[name] for name in group.joint_names),
         reach=reach,
     )
-    controls = model.actuator_ctrladr[element_ids(model, kept, mujoco.mjtObj.mjOBJ_ACTUATOR, root)]
+    ids = element_ids(model, kept, mujoco.mjtObj.mjOBJ_ACTUATOR, root)
+    controls = _controls_of(model, ids)
     limited = (model.actuator_ctrllimited[controls] != 0)[:, None]
     kept_ranges = np.where(limited, model.actuator_ctrlrange[controls], [[-1.0, 1.0]])
-    return joints, kept_ranges.reshape(-1, 2)
+    inputs = model.actuator_ctrlnum[ids]
+    named = [
+        name
+        for element, n in zip(kept, inputs, strict=True)
+        for name in _kept_names(element, int(n))
+    ]
+    return joints, kept_ranges.reshape(-1, 2), named
 
 
 def _compiled(root: mjcf.RootElement) -> mujoco.MjModel:

@@ -171,7 +171,8 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
             path: an MJCF or URDF file.
             actuators: configs of its actuators; `Xml…` configs take over what the file has. By
                 default those that the file has, with all that the gap workflow's `actuators.json`
-                beside it says of them, drivetrain laws included (`walkers.saved`).
+                beside it says of them, drivetrain laws included (`walkers.saved`). What drives
+                tendons and sites, or takes no target, is kept as it is.
             name: the walker's name, its prefix in an arena; by default the model's.
             action: action terms (`walkers.actions`); by default an action in [-1, 1] spans what
                 each joint can do.
@@ -198,8 +199,10 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         """
         robot = read_robot(path, root_body=root_body, floating=floating)
         if actuators is None:
-            saved = saved_actuators(path)
+            saved = saved_actuators(path, joints=robot.places)
             actuators, laws = saved.actuators, (*saved.laws, *laws)
+            if not actuators:
+                existing = "keep"  # nothing of ours: an action is their controls
         return cls(
             robot,
             actuators=actuators,
@@ -246,10 +249,26 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
                     f"got {home!r}"
                 )
             qpos = given.copy()
+        if isinstance(home, Mapping) or (home is None and not key):
+            self._follow(robot, qpos, home or {})
         if not np.isfinite(qpos).all():
             raise ValueError(f"home should be finite positions, got {home!r}")
         position, quaternion = robot.poses.get(key, (np.zeros(3), np.array([1.0, 0, 0, 0])))
         return base.WalkerPose(qpos=qpos, xpos=position, xquat=quaternion)
+
+    def _follow(self, robot: RobotFile, qpos: FloatArray, given: Mapping[str, float]) -> None:
+        """Puts joints that follow another where that one has them, but those that are given."""
+        places, reference = robot.places, robot.keyframes[""]
+        constraints = [one for one in robot.root.find_all("equality") if one.tag == "joint"]
+        for _ in constraints:  # one may follow another that follows
+            for one in constraints:
+                follower = one.joint1.name
+                if one.active is False or follower in given or follower not in places:
+                    continue
+                driver = None if one.joint2 is None else places.get(one.joint2.name)
+                moved = 0.0 if driver is None else qpos[driver] - reference[driver]
+                way = np.polynomial.Polynomial([0, 1] if one.polycoef is None else one.polycoef)
+                qpos[places[follower]] = reference[places[follower]] + way(moved)
 
     def _add_senses(self) -> None:
         """An inertial unit and a camera at the root, where the file has none."""

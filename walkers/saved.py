@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -26,18 +26,23 @@ from walkerkit.actuators import (
     ActuatorCfg,
     DelayedActuatorCfg,
     LearnedMlpActuatorCfg,
+    XmlInputsActuatorCfg,
     XmlMotorActuatorCfg,
     XmlPositionActuatorCfg,
     XmlVelocityActuatorCfg,
 )
-from walkerkit.actuators.drive import Drive, drives_of_joint
+from walkerkit.actuators.drive import on_joint, read_inputs
 from walkerkit.actuators.drivetrain import DrivetrainLaw, UnknownLawError, law_named
 from walkerkit.actuators.errors import listed
 from walkerkit.actuators.explicit import AdoptedMotorCfg, ExplicitActuatorCfg
+from walkerkit.actuators.inputs import first_of_each
+from walkerkit.actuators.wrapped import XmlActuatorCfg
 from walkerkit.walkers.reading import escaped
 
 FILE = "actuators.json"
-_CONFIGS = {
+Lags = tuple[tuple[str, int], ...]
+"""Kinds of targets, each with how many physics steps they are late."""
+_CONFIGS: Mapping[str, type[XmlActuatorCfg]] = {
     "position": XmlPositionActuatorCfg,
     "velocity": XmlVelocityActuatorCfg,
     "effort": XmlMotorActuatorCfg,
@@ -58,7 +63,11 @@ class SavedActuators:
 
 
 def saved_actuators(
-    path: str | Path, *, stopgap: bool = False, in_python: Sequence[ActuatorCfg] = ()
+    path: str | Path,
+    *,
+    stopgap: bool = False,
+    in_python: Sequence[ActuatorCfg] = (),
+    joints: Collection[str] | None = None,
 ) -> SavedActuators:
     """Reads what belongs to a model beside its MJCF.
 
@@ -68,28 +77,38 @@ def saved_actuators(
             fits, instead of the drives that the model has.
         in_python: configs of actuators whose laws run in Python; the file says which numbers they
             have come to.
+        joints: those that the robot has, as PyMJCF calls them, of a file that has more in it; all
+            by default.
+
+    Returns:
+        What was found. There are no configs where no joint's actuator takes a target, and all of
+        the file's stay as they are.
 
     Raises:
         ValueError: the file is not one of the gap workflow's, has no stopgap for this model, or
-            has laws in Python of which no config is given.
+            has laws in Python of which no config is given; or nothing in it is driven.
     """
     path = Path(path)
     beside = path.parent / FILE
     if not beside.is_file():
         if stopgap:
             raise ValueError(f"{path}: there is no {FILE} beside it, so it has no stopgap")
-        return _as_in_the_xml(path)
+        return SavedActuators(actuators=_taken_over(path, _compiled(path), joints, {}))
     try:
         entry = json.loads(beside.read_text(encoding="utf-8"))["models"].get(path.name)
         if entry is None:
-            return _as_in_the_xml(path)
+            return SavedActuators(actuators=_taken_over(path, _compiled(path), joints, {}))
         learned = _learned(entry.get("stopgap", {}), path.parent) if stopgap else {}
-        commands = {j: by_kind for j, by_kind in entry["command"].items() if j not in learned}
-        step = float(mujoco.MjModel.from_xml_path(str(path)).opt.timestep)
-        python = {j: of for j, of in entry.get("in_python", {}).items() if j not in learned}
+        python = {
+            j: of
+            for j, of in entry.get("in_python", {}).items()
+            if j not in learned and _has(joints, j)
+        }
+        model = _compiled(path)
+        step = float(model.opt.timestep)
         found = SavedActuators(
             actuators=(
-                *_taken_over(commands, step),
+                *_taken_over(path, model, joints, entry["command"], without={*learned, *python}),
                 *_with_numbers(python, in_python, step, beside),
                 *learned.values(),
             ),
@@ -107,49 +126,114 @@ def saved_actuators(
     return found
 
 
-def _as_in_the_xml(path: Path) -> SavedActuators:
-    model = mujoco.MjModel.from_xml_path(str(path))
-    kinds: dict[str, str] = {}
-    for joint in range(model.njnt):
-        drives: tuple[Drive, ...] = drives_of_joint(model, joint)
-        if drives and model.joint(joint).name:
-            kinds[model.joint(joint).name] = drives[0].kind
-    if not kinds:
+def _taken_over(
+    path: Path,
+    model: mujoco.MjModel,
+    joints: Collection[str] | None,
+    commands: Mapping[str, Any],
+    *,
+    without: Collection[str] = (),
+) -> tuple[ActuatorCfg, ...]:
+    """The XML's actuators of joints.
+
+    Args:
+        path: the model's file.
+        model: what it compiles to.
+        joints: as for `saved_actuators`.
+        commands: joint to what each kind of target means, where that is not what the XML says.
+        without: joints that are left out.
+    """
+    if not model.nactuator:
         raise ValueError(
-            f"{path}: none of its joints has a position, velocity or effort actuator; give configs "
-            "of the actuators that they are to have"
+            f"{path}: it has no actuator; give configs of the actuators that its joints are to have"
         )
-    return SavedActuators(
-        actuators=tuple(
-            config(joint_names_expr=tuple(_exactly(j) for j, kind in kinds.items() if kind == one))
-            for one, config in _CONFIGS.items()
-            if one in kinds.values()
-        )
+    alone: dict[tuple[str, bool, Lags], dict[str, Mapping[str, Any] | None]] = {}
+    several: dict[tuple[tuple[tuple[str, str], ...], Lags], dict[str, Mapping[str, Any]]] = {}
+    for joint in range(model.njnt):
+        name = model.joint(joint).name
+        if not name or not _has(joints, name) or name in without:
+            continue
+        ids = [a for a in range(model.nactuator) if on_joint(model, a) == joint]
+        drives = first_of_each(drive for a in ids for drive in read_inputs(model, a))
+        given = commands.get(name, {})
+        kinds = {target: drive.kind for target, drive in drives.items()}
+        lags = _lags(given, kinds.values(), float(model.opt.timestep))
+        if len(ids) == 1 and len(drives) == 1 and next(iter(drives.values())).law == "affine":
+            (kind,) = kinds.values()
+            scale = given.get(kind)
+            alone.setdefault((kind, scale is None, lags), {})[name] = scale
+        elif drives:
+            several.setdefault((tuple(kinds.items()), lags), {})[name] = given
+    order = list(_CONFIGS)
+    return (
+        *(
+            _delayed(_of_kind(_CONFIGS[kind], of_joints), dict(lags))
+            for (kind, as_in_xml, lags), of_joints in sorted(
+                alone.items(), key=lambda one: (order.index(one[0][0]), one[0][1])
+            )
+        ),
+        *(
+            _delayed(_of_several(dict(kinds), of_joints), dict(lags))
+            for (kinds, lags), of_joints in several.items()
+        ),
     )
 
 
-def _taken_over(commands: Mapping[str, Any], step: float) -> list[ActuatorCfg]:
-    """The XML's actuators, with what a target means to each."""
-    found: list[ActuatorCfg] = []
-    for kind, config in _CONFIGS.items():
-        by_lag: dict[int, dict[str, Any]] = {}
-        for joint, by_kind in commands.items():
-            if kind in by_kind:
-                lag = round(_finite(by_kind[kind].get("late", 0.0)) / step)
-                by_lag.setdefault(lag, {})[_exactly(joint)] = by_kind[kind]
-        for lag, scales in by_lag.items():
-            base = config(
-                joint_names_expr=tuple(scales),
-                slope={joint: _finite(scale["slope"]) for joint, scale in scales.items()},
-                offset={joint: _finite(scale["offset"]) for joint, scale in scales.items()},
-            )
-            found.append(_delayed(base, {kind: lag}))
-    return found
+def _compiled(path: Path) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_path(str(path))
+
+
+def _has(joints: Collection[str] | None, name: str) -> bool:
+    """Whether a robot has a joint."""
+    return joints is None or escaped(name) in joints
+
+
+def _lags(command: Mapping[str, Any], kinds: Collection[str], step: float) -> Lags:
+    """The kinds of a joint's targets that are late."""
+    return tuple(
+        (kind, lag)
+        for kind in kinds
+        if kind in command and (lag := round(_finite(command[kind].get("late", 0.0)) / step))
+    )
+
+
+def _of_kind(
+    config: type[XmlActuatorCfg], of_joints: Mapping[str, Mapping[str, Any] | None]
+) -> ActuatorCfg:
+    """One config for joints with one actuator each, with what a target means to each or none."""
+    names = tuple(map(_exactly, of_joints))
+    known = {_exactly(joint): scale for joint, scale in of_joints.items() if scale is not None}
+    if not known:
+        return config(joint_names_expr=names)
+    return config(
+        joint_names_expr=names,
+        slope={joint: _finite(scale["slope"]) for joint, scale in known.items()},
+        offset={joint: _finite(scale["offset"]) for joint, scale in known.items()},
+    )
+
+
+def _of_several(
+    kinds: Mapping[str, str], of_joints: Mapping[str, Mapping[str, Any]]
+) -> ActuatorCfg:
+    """One config for joints with several controls each, by target the kind of what takes it."""
+    scales = {
+        target: {
+            escaped(joint): (_finite(known[kind]["slope"]), _finite(known[kind]["offset"]))
+            for joint, known in of_joints.items()
+            if kind in known
+        }
+        for target, kind in kinds.items()
+    }
+    return XmlInputsActuatorCfg(
+        joint_names_expr=tuple(map(_exactly, of_joints)),
+        scales={target: of_joint for target, of_joint in scales.items() if of_joint},
+    )
 
 
 def _delayed(base: ActuatorCfg, lags: Mapping[str, int]) -> ActuatorCfg:
     """An actuator behind a delay of so many steps, alike for the targets that have one."""
-    late = {kind: lag for kind, lag in lags.items() if lag}
+    # Volts are asked for by effort targets.
+    late = {"effort" if kind == "voltage" else kind: lag for kind, lag in lags.items() if lag}
     if not late:
         return base
     lag = max(late.values())
@@ -170,7 +254,7 @@ def _with_numbers(
             raise ValueError(
                 f"in_python has {given!r}, whose law does not run in Python: leave it out"
             )
-        by_lag: dict[tuple[tuple[str, int], ...], dict[str, Any]] = {}
+        by_lag: dict[Lags, dict[str, Any]] = {}
         for joint in [j for j in left if _matches(cfg.joint_names_expr, j)]:
             of = left.pop(joint)
             lags = tuple((kind, round(_finite(late) / step)) for kind, late in of["late"].items())

@@ -23,6 +23,7 @@ class Joints:
         takes: the targets that each one's actuator can follow.
         speeds: no-load speeds [rad/s; m/s], (n_joints,), infinite where none is stated.
         efforts: effort limits [N·m; N], (n_joints,), infinite where none is stated.
+        apart: the targets of each that have a control of their own besides its first.
         reach: {target: least and greatest that its actuators can be asked for, (n_joints, 2)}; by
             default the three above, alike both ways.
     """
@@ -33,6 +34,7 @@ class Joints:
     takes: tuple[frozenset[str], ...]
     speeds: FloatArray
     efforts: FloatArray
+    apart: tuple[frozenset[str], ...] = ()
     reach: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -11,9 +11,10 @@ is everything before the last slash. Optional: of the base `base/position_x…z`
 `base/angular_velocity_x…z` (base frame), as a MuJoCo free joint has them; where nobody measures
 those, of an inertial unit what `recordings.imu` says, and of feet `<foot>/contact` (0 or 1) or
 `<foot>/force` (in any unit); the supply's `voltage`; and `<joint>/current`, which is kept though
-nothing reads it. Every joint has a `position` and at
-least one joint a target; a joint without one is passive. A recording that cannot be used raises
-InputError: one line that says where, what, and how to mend it.
+nothing reads it. Every joint has a `position`, and at least one target is logged: of a joint, or of
+an actuator, `<actuator>/position_target`, where that drives a tendon or a site and so no joint
+alone. A recording that cannot be used raises InputError: one line that says where, what, and how to
+mend it.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ SIGNALS = (
     "position_target",
     "velocity_target",
     "effort_target",
+    "voltage_target",
 )
 TARGETS = SIGNALS[3:]
 MAY_BE_EMPTY = ("velocity", "effort", "current", "voltage")
@@ -156,6 +158,12 @@ class Recording:
                 if f"{joint}/position" in self.columns
             )
         )
+
+    @functools.cached_property
+    def commanded(self) -> tuple[str, ...]:
+        """Names that have a target and no position: of actuators, as far as a log can tell."""
+        named = (joint for joint, signal in map(_split, self.columns) if signal in TARGETS)
+        return tuple(dict.fromkeys(name for name in named if name not in self.joints))
 
     @property
     def duration(self) -> float:
@@ -322,7 +330,8 @@ class Recording:
             joint, signal = _split(name)
             if name not in used:
                 raise self._error(f"nothing uses the column {name!r}. Name it in `unused` only")
-            if signal in SIGNALS and joint not in joints:
+            # A target alone may be an actuator's; whether it is, the model says.
+            if signal in SIGNALS and joint not in joints and not (joints and signal in TARGETS):
                 raise self._error(
                     f"joint {joint!r} has {name!r} but no position{closest(joint, joints)}. "
                     f"Add '{joint}/position' or rename the column"
@@ -335,7 +344,8 @@ class Recording:
         if not any(_split(name)[1] in TARGETS for name in self.columns):
             raise self._error(
                 f"no joint has a target: add the command that was sent, such as "
-                f"'{min(joints)}/position_target' (or velocity_target, effort_target)"
+                f"'{min(joints)}/position_target' (or velocity_target, effort_target, "
+                "voltage_target)"
             )
         for whole in (QUATERNION, IMU[:4], IMU[4:7], IMU[7:]):
             missing = [name for name in whole if name not in self.columns]
@@ -518,5 +528,3 @@ def remarks(recording: Recording) -> Iterator[str]:
     for joint in recording.joints:
         if np.ptp(recording.columns[f"{joint}/position"]) == 0:
             yield f"joint {joint!r} never moves"
-        if all(recording.signal(joint, target) is None for target in TARGETS):
-            yield f"joint {joint!r} has no target and is taken as passive"

@@ -100,7 +100,11 @@ def rehearse(
     floating = imu or any(name in GROUND for name in names)
     robot = load_robot(model, floating=floating, allow_outside=allow_outside)
     _check_as_given(robot)
-    if robot.programs or robot.laws or any(d.late for j in robot.joints.values() for d in j.drives):
+    if (
+        robot.programs
+        or robot.laws
+        or any(d.late for j in robot.joints.values() for d in j.commanded)
+    ):
         raise InputError(
             f"{model}: the walker has laws or delays that run in Python, which rehearsed hardware "
             "would lack. Give one with MuJoCo's actuators alone, or record the walker itself with "

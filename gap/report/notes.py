@@ -18,7 +18,7 @@ from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.quantity import percent, quantity
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.channel import Channel
-from walkerkit.gap.simulation.commands import Route, routes
+from walkerkit.gap.simulation.commands import Route, by_effort_alone, routes
 from walkerkit.gap.simulation.programs import rest_controls
 from walkerkit.gap.simulation.robot import Joint, Robot
 
@@ -158,17 +158,86 @@ def notes(
             "loop itself. Where it is slower, log at the rate of the loop."
         )
     if gap.horizon is not None:
-        floats = any(robot.base is not None for robot in problem.robots)
-        why = "The base floats" if floats else "Joints are driven by effort"
         yield (
-            f"{why}, so replays restart from the measured state every {gap.horizon:g} s; what the "
-            "noise of that state makes of them is part of the noise floor."
+            f"{_why_restarted(logged)}, so replays restart from the measured state every "
+            f"{gap.horizon:g} s; what the noise of that state makes of them is part of the noise "
+            "floor."
         )
     yield from dict.fromkeys(note for robot in problem.robots for note in robot.notes)
     yield from folded(seen.values())
+    for told in (_passive, _in_volts, _unsent):
+        yield from dict.fromkeys(note for pair in logged for note in told(*pair))
     unused = sorted({column for recording in seen.values() for column in recording.unused})
     if unused:
         yield f"Columns that nothing uses: {', '.join(unused)}."
+
+
+def _why_restarted(logged: Sequence[tuple[Robot, Sequence[Recording]]]) -> str:
+    """Why replays restart from the measured state."""
+    if any(robot.base is not None for robot, _ in logged):
+        return "The base floats"
+    loose: dict[str, None] = {}
+    pushed = False
+    for robot, recordings in logged:
+        for recording in recordings:
+            loose.update(dict.fromkeys(by_effort_alone(robot, recording)))
+            pushed |= any(
+                route.joint is not None and route.joint.name in loose
+                for route in routes(robot, recording)
+            )
+    return "Joints are driven by effort" if pushed else f"Nothing holds {', '.join(loose)}"
+
+
+def _passive(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
+    """The measured joints that nothing drives."""
+    moved = {name for one in robot.movers for name in one.joints}
+    found: dict[str, None] = {}
+    for recording in recordings:
+        driven = {r.joint.name for r in routes(robot, recording) if r.joint is not None}
+        loose = by_effort_alone(robot, recording)
+        found.update(dict.fromkeys(joint for joint in loose if joint not in driven | moved))
+    if found:
+        names = ", ".join(map(repr, found))
+        yield (
+            f"joint {names} has no target and is taken as passive"
+            if len(found) == 1
+            else f"joints {names} have no target and are taken as passive"
+        )
+
+
+def _in_volts(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
+    """The effort targets that were read as voltages."""
+    found: dict[str, None] = {}
+    for recording in recordings:
+        for route in routes(robot, recording):
+            volts = route.drive is not None and route.drive.kind == "voltage"
+            if volts and route.column.endswith("/effort_target"):
+                found[route.column] = None
+    for column in found:
+        better = column.replace("effort_target", "voltage_target")
+        yield (
+            f"{column} was read in volts, as the motor of that joint takes them. Call it "
+            f"{better}; give the joint a <motor> if it is N·m."
+        )
+
+
+def _unsent(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
+    """The actuators of measured joints that no recording has a target of, beside those it has."""
+    control = rest_controls(robot)
+    sent = {r.drive.ctrl for one in recordings for r in routes(robot, one) if r.drive is not None}
+    measured = dict.fromkeys(name for one in recordings for name in one.joints)
+    lacking = [
+        f"{robot.model.actuator(drive.actuator).name or 'one without a name'} of {name} "
+        f"(for {drive.kind}, held at the control {control[drive.ctrl]:.4g})"
+        for name in measured
+        for drive in robot.joints[name].commanded
+        if drive.ctrl not in sent and not drive.in_python
+    ]
+    if lacking:
+        yield (
+            f"No recording has a target of some actuators of {robot.source}: {'; '.join(lacking)}. "
+            "Log what they were sent as `<actuator>/<kind>_target`, or take them out of the model."
+        )
 
 
 def _clipped(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
@@ -200,11 +269,13 @@ def _beyond(robot: Robot, route: Route, ends: Sequence[float]) -> str:
     margin = _HARDLY * (high - low)
     if low - margin <= min(ends) and max(ends) <= high + margin:
         return ""
-    unit = Channel(joint=route.joint.name, signal=drive.kind).unit(slide=route.joint.slide)
+    unit = ""
+    if route.joint is not None:
+        unit = f" {Channel(joint='', signal=drive.kind).unit(slide=route.joint.slide)}"
     return (
-        f"{route.column} goes from {min(ends):.3g} to {max(ends):.3g} {unit}, and "
+        f"{route.column} goes from {min(ends):.3g} to {max(ends):.3g}{unit}, and "
         f"{model.actuator(drive.actuator).name or 'its actuator'}, "
-        f'ctrlrange="{limits[0]:.4g} {limits[1]:.4g}", takes {low:.4g} to {high:.4g} {unit}'
+        f'ctrlrange="{limits[0]:.4g} {limits[1]:.4g}", takes {low:.4g} to {high:.4g}{unit}'
     )
 
 
@@ -216,7 +287,7 @@ def _lacking(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
     alike: dict[str, list[str]] = {}
     for name, joint in robot.joints.items():
         without = [log for log, one in logs.items() if name not in one.joints]
-        if without and name not in inner:
+        if without and name not in inner and name not in robot.loops.joints:
             which = "" if len(without) == len(logs) else f", in {', '.join(without)}"
             alike.setdefault(f"{_unlogged(robot, joint)}{which}", []).append(name)
     if alike:
@@ -238,6 +309,7 @@ def _unlogged(robot: Robot, joint: Joint) -> str:
         unit = Channel(joint=joint.name, signal=drive.kind).unit(slide=joint.slide)
         return f"held at {at:.4g} {unit} by its actuator"
     own = np.isin(model.actuator_trntype, _ON_JOINT) & (model.actuator_trnid[:, 0] == joint.id)
+    own[[one.actuator for one in robot.movers if joint.name in one.joints]] = True
     sent = control[model.actuator_ctrladr[own]]
     if len(sent) == len(joint.drives) and not sent.any():
         return "free"  # there are motors at most

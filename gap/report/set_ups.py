@@ -170,7 +170,11 @@ def takes(robot: Robot, joints: Sequence[str]) -> TargetKind | None:
     for kind in kinds:
         if all(joint.drive(kind) is not None for joint in of_each):
             return kind
-    if all(drive.kind == "effort" for joint in of_each for drive in joint.drives):
+    moved = {name for one in robot.movers for name in one.joints}
+    moved |= {joint.name for joint in of_each if any(d.law != "affine" for d in joint.inputs)}
+    if moved.isdisjoint(joints) and all(
+        drive.kind == "effort" for joint in of_each for drive in joint.drives
+    ):
         return "effort"
     return None
 

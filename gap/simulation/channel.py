@@ -21,6 +21,7 @@ _UNITS = {  # on a hinge, on a slide joint
     "position": ("rad", "m"),
     "velocity": ("rad/s", "m/s"),
     "effort": ("N·m", "N"),
+    "voltage": ("V", "V"),  # of a target
     "base_position": ("m", "m"),
     "base_orientation": ("rad", "rad"),
     "base_angular_velocity": ("rad/s", "rad/s"),

@@ -8,18 +8,20 @@ target was for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drive import Drive, TargetKind
+from walkerkit.actuators.drive import Drive
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.simulation.interpolate import NEAREST
+from walkerkit.gap.simulation.loops import held_by_loops
 from walkerkit.gap.simulation.robot import Joint, Robot
+from walkerkit.gap.simulation.untaken import KINDS, check_taken, no_actuator, unknown_target
 
 FloatArray = NDArray[np.float64]
 
@@ -27,24 +29,18 @@ Hold = Literal["zero_order", "linear", "next"]
 
 _STEP = 4.0  # times what a target moves just before and after, which no motion does
 
-_KINDS: tuple[TargetKind, ...] = ("position", "velocity", "effort")
-_CONFIGS: Mapping[TargetKind, tuple[str, str]] = {  # of a walker's actuators that MuJoCo runs
-    "position": ("BuiltinPdActuatorCfg", "stiffness=..., damping=..."),
-    "velocity": ("BuiltinVelocityActuatorCfg", "damping=..."),
-}
-
 
 @dataclass(frozen=True, kw_only=True)
 class Route:
     """One target column and where it enters the simulation.
 
     Attributes:
-        joint: the joint.
+        joint: the joint, or None for an actuator that is no joint's own.
         column: the column of the recording.
         drive: the actuator that takes it, or None for effort applied to the joint beside it.
     """
 
-    joint: Joint
+    joint: Joint | None
     column: str
     drive: Drive | None
 
@@ -52,68 +48,103 @@ class Route:
 def routes(robot: Robot, recording: Recording) -> tuple[Route, ...]:
     """Finds for every target of the recording the actuator that takes it.
 
+    A joint's targets are `<joint>/position_target` and the like; those of an actuator that drives
+    something else, or is the second one of its kind on a joint, `<actuator>/position_target`.
+
     Raises:
         InputError: a joint's actuator lacks its target, or a target has no actuator to go to.
     """
     source = str(recording.source or recording.name)
     robot.check_joints(recording.joints, source)
-    found: list[Route] = []
-    for name in recording.joints:
-        joint = robot.joints[name]
-        targets = [kind for kind in _KINDS if f"{name}/{kind}_target" in recording.columns]
-        taken = {kind for kind in targets if joint.drive(kind) is not None}
-        for kind in targets:
-            if kind in taken or kind == "effort":
-                found.append(
-                    Route(joint=joint, column=f"{name}/{kind}_target", drive=joint.drive(kind))
-                )
-        first = joint.drives[0].kind if joint.in_python else None
-        if joint.drives and (not taken or (first and first not in taken)):
-            wanted = " or ".join(f"`{name}/{drive.kind}_target`" for drive in joint.drives)
+    found = [
+        Route(joint=robot.joints[name], column=column, drive=drive)
+        for name in recording.joints
+        for column, drive in _targets_of_joint(robot, recording, name, source)
+    ]
+    by_name = _by_name(robot, recording, source, {route.column for route in found})
+    taken = {route.drive.ctrl for route in found if route.drive is not None}
+    for route in by_name:
+        if route.drive is not None and route.drive.ctrl in taken:
             raise InputError(
-                f"{source}: joint {name!r} has an actuator for {joint.drives[0].kind} "
-                f"in {robot.source}, but the recording has no {wanted}. Log that target, or give "
-                "the joint the actuator that its drive really has."
-                f"{_native_twin(robot, joint, targets)}"
+                f"{source}: column `{route.column}` is what a column of its joint says, too. Leave "
+                "one of the two out."
             )
-        if not joint.drives and targets and "effort" not in targets:
-            raise InputError(
-                f"{source}: column `{name}/{targets[0]}_target` has no actuator in "
-                f"{robot.source}{_add_actuator(robot, name, targets[0])}"
-            )
+    found += by_name
+    check_taken(robot, recording, source, found)
     return tuple(found)
 
 
-def _native_twin(robot: Robot, joint: Joint, targets: Sequence[TargetKind]) -> str:
-    """What else a walker's bare motor may be: the law of an actuator that runs in Python."""
-    if joint.in_python or not targets or joint.drives[0].kind != "effort":
-        return ""
-    return (
-        " An actuator whose law runs in Python, as IdealPdActuatorCfg, leaves a bare motor in the "
-        "MJCF: give as the model a `package.module:callable` that returns the walker itself."
-    )
+def _targets_of_joint(
+    robot: Robot, recording: Recording, name: str, source: str
+) -> Iterator[tuple[str, Drive | None]]:
+    """Columns of a joint's targets, each with what takes it: None where it is effort beside it."""
+    joint = robot.joints[name]
+    logged = [kind for kind in KINDS if f"{name}/{kind}_target" in recording.columns]
+    # A tendon's actuator may have the name of a joint.
+    own = {drive.kind: drive for one in robot.movers if one.name == name for drive in one.inputs}
+    for kind in logged:
+        drive = joint.taker(kind) or own.get(kind)
+        if drive is None and kind == "effort":
+            # What a motor is sent is volts, as `BuiltinDcMotorActuatorCfg` takes them.
+            drive = joint.taker("voltage")
+            if drive is not None and "voltage" in logged:
+                raise InputError(
+                    f"{source}: joint {name!r} has both `{name}/voltage_target` and "
+                    f"`{name}/effort_target`, and its motor takes one command. Leave out the one "
+                    "that it was not sent."
+                )
+        if drive is not None or kind == "effort":
+            yield f"{name}/{kind}_target", drive
+        elif not joint.commanded and "effort" not in logged:
+            raise InputError(no_actuator(robot, joint, kind, source))
 
 
-def _add_actuator(robot: Robot, joint: str, kind: TargetKind) -> str:
-    """How a model gets the actuator that a joint lacks, the end of a sentence and the next."""
-    if robot.path is None or robot.path.suffix.lower() != ".urdf":
-        return f". Add a <{kind}> actuator to joint {joint!r}."
-    config, gains = _CONFIGS[kind]
-    made = f"MjcfWalker.from_file({robot.path.name!r}, {config}(joint_names_expr=(...), {gains}))"
-    return (
-        f", and a URDF can have none. Give as the model a `package.module:callable` that returns "
-        f"{made}."
-    )
+def _by_name(robot: Robot, recording: Recording, source: str, known: Container[str]) -> list[Route]:
+    """Targets that go by the name of their actuator."""
+    of_joint = {drive.ctrl: joint for joint in robot.joints.values() for drive in joint.commanded}
+    found = []
+    for name in recording.commanded:
+        inputs = {drive.kind: drive for drive in robot.inputs.get(name, ())}
+        for kind in KINDS:
+            column = f"{name}/{kind}_target"
+            if column not in recording.columns or column in known:
+                continue
+            drive = inputs.get(kind)
+            if drive is None and name in robot.joints and name in robot.loops.joints:
+                drive = robot.joints[name].taker(kind)
+            if drive is None:
+                raise InputError(unknown_target(robot, recording, name, kind, source))
+            joint = of_joint.get(drive.ctrl)
+            # One that follows others needs no encoder.
+            if joint is not None and joint.name not in {*recording.joints, *robot.loops.joints}:
+                raise InputError(
+                    f"{source}: column `{column}` is for joint {joint.name!r} of {robot.source}, "
+                    f"which has no position here. Add `{joint.name}/position`, or leave it out."
+                )
+            if joint is not None:  # whose drives know what a target was before they were mended
+                drive = next(one for one in joint.commanded if one.ctrl == drive.ctrl)
+            found.append(Route(joint=joint, column=column, drive=drive))
+    return found
 
 
 def by_effort_alone(robot: Robot, recording: Recording) -> tuple[str, ...]:
-    """The recording's joints that have nothing but effort to hold them."""
-    servoed = {
-        route.joint.name
-        for route in routes(robot, recording)
-        if route.drive is not None and route.drive.kind != "effort"
+    """The recording's joints that nothing holds: no servo, and no loop or tendon with one."""
+    found = routes(robot, recording)
+    servos = {
+        route.drive.actuator
+        for route in found
+        if route.drive is not None and route.drive.kind in ("position", "velocity")
     }
-    return tuple(name for name in recording.joints if name not in servoed)
+    held = {
+        route.joint.name
+        for route in found
+        if route.joint is not None and route.drive is not None and route.drive.actuator in servos
+    }
+    held.update(name for one in robot.movers if one.actuator in servos for name in one.joints)
+    if set(recording.joints) <= held:
+        return ()
+    every = robot.made.get(("held", frozenset(held)), lambda: held_by_loops(robot.model, held))
+    return tuple(name for name in recording.joints if name not in every)
 
 
 def driven_by_effort(robot: Robot, recording: Recording) -> bool:

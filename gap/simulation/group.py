@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +19,7 @@ from walkerkit.gap.simulation.interpolate import delayed, made_delay
 from walkerkit.gap.simulation.mount import resting
 from walkerkit.gap.simulation.programs import rest_controls
 from walkerkit.gap.simulation.robot import Joint, Robot
-from walkerkit.gap.simulation.start import memory
+from walkerkit.gap.simulation.start import HELD, ROUNDED, memory
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
@@ -117,11 +118,12 @@ class Group:
         if route.drive is not None and route.drive.late:
             time = time - route.drive.late
         values = between_samples(segment.recording, route.column, time, self.hold, step)
-        if route.drive is None:
-            self.applied[s, :, route.joint.dof] += values
-        else:
+        if route.drive is not None:
             self.ctrl[s, :, route.drive.ctrl] = route.drive.control(values)
-            self.drives[route.drive.ctrl] = route.joint.name, route.drive
+            if route.joint is not None:
+                self.drives[route.drive.ctrl] = route.joint.name, route.drive
+        elif route.joint is not None:
+            self.applied[s, :, route.joint.dof] += values
 
     def feed_forward(self, trials: Trials, lead: FloatArray, steps: int) -> FloatArray | None:
         """Feed-forward effort, (n, n_segments, steps, nv), or None where there is none."""
@@ -172,19 +174,20 @@ class Group:
         if self.hold == "linear":
             return None
         model = self.robot.model
-        delay, gain = fields("actuator_delay"), fields("actuator_gainprm")[..., 0]
+        delay, gain = fields("actuator_delay"), fields("actuator_gainprm")
         if applied is None and not ctrl.strides[0] and _alike(delay) and _alike(gain):
             ctrl, delay, gain = ctrl[:1], delay[:1], gain[:1]  # all trials do the same
         found = np.zeros(ctrl.shape[:3])
         for index, (name, drive) in self.drives.items():
             a = drive.actuator
-            if name != joint.name or model.actuator_actnum[a]:
-                continue  # an activation does not jump
-            gears = gain[:, a] * model.actuator_gear[a, 0]
-            if drive.in_python:
-                gears = gears * _slope(drive)
+            if name != joint.name:
+                continue
+            gears = _per_control(model, drive, gain[:, a])
+            gears = gears * model.actuator_gear[model.actuator_outadr[a], 0]
             steps = gears[:, None, None] * _steps(ctrl[..., index])
             late = made_delay(delay[:, a], model.opt.timestep) / model.opt.timestep
+            if model.actuator_history[a, 1] == HELD:
+                late = np.ceil(late - ROUNDED)
             for age in np.unique(late):
                 rows, whole = np.flatnonzero(late == age), math.floor(age)
                 for shift, part in ((whole, 1 - age + whole), (whole + 1, age - whole)):
@@ -200,9 +203,8 @@ class Group:
         for drive in joint.drives:
             a = drive.actuator
             if self.robot.model.actuator_forcelimited[a]:
-                ends = np.sort(
-                    fields("actuator_forcerange")[:, a] * self.robot.model.actuator_gear[a, 0]
-                )
+                gear = self.robot.model.actuator_gear[self.robot.model.actuator_outadr[a], 0]
+                ends = np.sort(fields("actuator_forcerange")[:, a] * gear)
                 lower, upper = ends.T[:, :, None, None]
                 found |= (effort <= lower) | (effort >= upper)
             limit = self.robot.number(joint.name, "effort_limit")
@@ -240,7 +242,26 @@ class Group:
 
 def _slope(drive: Drive) -> float:
     """Effort of a law in Python per unit of its target, about rest."""
-    return {"position": drive.stiffness, "velocity": drive.damping, "effort": 1.0}[drive.kind]
+    return {"position": drive.stiffness, "velocity": drive.damping}.get(drive.kind, 1.0)
+
+
+def _per_control(model: mujoco.MjModel, drive: Drive, gain: FloatArray) -> FloatArray:
+    """How far a drive's force jumps with its control, (n,), of its (n, 10) gain parameters."""
+    a, none = drive.actuator, np.zeros(len(gain))
+    if drive.law == "affine":
+        if model.actuator_actnum[a]:
+            return none  # an activation does not jump
+        return gain[:, 0] * (_slope(drive) if drive.in_python else 1.0)
+    if drive.law == "pid":
+        by_kind = dict(zip(("position", "velocity"), -model.actuator_biasprm[a, 1:3], strict=True))
+        return none + float(by_kind.get(drive.kind, 1.0))
+    resistance, constant, *_ = gain.T
+    if model.actuator_dynprm[a, 0] or model.actuator_dynprm[a, 7]:
+        return none  # neither does the current of a winding, nor a target whose slope is limited
+    places = {"position": 4, "velocity": 6}
+    if drive.kind in places:
+        return none + gain[:, places[drive.kind]]
+    return none + (constant / resistance if drive.kind == "voltage" else 1.0)
 
 
 def _alike(values: NDArray[Any]) -> bool:

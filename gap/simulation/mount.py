@@ -118,7 +118,7 @@ def with_mount(robot: Robot) -> Robot:
         spec=spec,
         model=compiled,
         joints={
-            name: replace(joint, drives=robot.joints[name].drives)
+            name: replace(joint, drives=robot.joints[name].drives, inputs=robot.joints[name].inputs)
             if name in robot.joints
             else joint
             for name, joint in scalar_joints(compiled).items()

@@ -22,6 +22,7 @@ from walkerkit.actuators.drive import Drive, TargetKind
 from walkerkit.actuators.drivetrain import DrivetrainLaw
 from walkerkit.actuators.errors import listed
 from walkerkit.actuators.explicit import ExplicitActuator, ExplicitActuatorCfg
+from walkerkit.actuators.inputs import XmlInputsActuator
 from walkerkit.actuators.laws.law import Law
 from walkerkit.actuators.native import NativeActuator
 from walkerkit.actuators.selection import select
@@ -106,7 +107,7 @@ def with_programs(robot: Robot, drivetrain: Any) -> Robot:
         if actuator.cfg.transmission != "joint":
             raise InputError(
                 f"{robot.source}: the {'law' if in_python else 'delay'} of {listed(names)} runs in "
-                f"Python and works on a {actuator.cfg.transmission}, which no log has targets of. "
+                f"Python and works on a {actuator.cfg.transmission}; replays run those of joints. "
                 "Give actuators of joints, or one that MuJoCo runs, without delay."
             )
         joints = {name: robot.joints[name] for name in names if name in robot.joints}
@@ -114,7 +115,11 @@ def with_programs(robot: Robot, drivetrain: Any) -> Robot:
             robot = _with_program(robot, actuator, joints, late)
         else:
             own = {
-                name: replace(joint, drives=tuple(_later(d, late) for d in joint.drives))
+                name: replace(
+                    joint,
+                    drives=tuple(_later(d, late) for d in joint.drives),
+                    inputs=tuple(_later(d, late) for d in joint.inputs),
+                )
                 for name, joint in joints.items()
             }
             robot = replace(robot, joints={**robot.joints, **own})
@@ -123,7 +128,7 @@ def with_programs(robot: Robot, drivetrain: Any) -> Robot:
 
 
 def _runs_in_python(actuator: Any, robot: Robot) -> bool:
-    if isinstance(actuator, NativeActuator):
+    if isinstance(actuator, NativeActuator | XmlInputsActuator):
         return False
     if (
         isinstance(actuator, ExplicitActuator)
@@ -155,7 +160,9 @@ def _of_lags(actuator: DelayedActuator, names: Sequence[str]) -> list[str]:
 
 
 def _later(drive: Drive, late: Mapping[TargetKind, float]) -> Drive:
-    return replace(drive, late=drive.late + late.get(drive.kind, 0.0))
+    # Volts are asked for by effort targets.
+    kind = "effort" if drive.kind == "voltage" else drive.kind
+    return replace(drive, late=drive.late + late.get(kind, 0.0))
 
 
 def _with_program(
@@ -166,10 +173,10 @@ def _with_program(
 ) -> Robot:
     names = actuator.joint_names
     for name in names:
-        if name not in joints or len(joints[name].drives) != 1:
+        if name not in joints or len(joints[name].commanded) != 1:
             raise InputError(
                 f"{robot.source}: joint {name!r} has an actuator whose law runs in Python, and "
-                f"{len(joints[name].drives) if name in joints else 'no'} of MuJoCo's, where it "
+                f"{len(joints[name].commanded) if name in joints else 'no'} of MuJoCo's, where it "
                 "should have a motor. Leave one of them out."
             )
     law = actuator.cfg.law(actuator.numbers)

@@ -34,11 +34,12 @@ from walkerkit.gap.simulation.interpolate import (
 from walkerkit.gap.simulation.latest import Latest
 from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measured_past
 from walkerkit.gap.simulation.laws import Laws
+from walkerkit.gap.simulation.mount import mounts
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds, rebuilt_as
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.side_by_side import advanced
-from walkerkit.gap.simulation.start import start_state
+from walkerkit.gap.simulation.start import rest, start_state
 from walkerkit.gap.simulation.together import (
     Asked,
     Commanded,
@@ -238,6 +239,8 @@ class Replay:
             sent = ctrl.reshape(n * n_segments, before + steps, -1)
             sent, ahead = yield Commanded(laws=laws, ctrl=sent, time=clock - step * before)
             ctrl, ahead = sent.reshape(ctrl.shape), None if ahead is None else ahead[:, before:]
+        if self.robot.loops.any:
+            start_qpos, start_qvel, places = self._closed(start_qpos, start_qvel, places)
         state = start_state(
             model,
             ctrl[:, :, before - group.memory : before],
@@ -367,6 +370,31 @@ class Replay:
                     if self.robot.reads_effort_first:
                         out[:, span, c] -= jumps_at(jumps[:, s], instant)
         return out
+
+    def _closed(
+        self, qpos: FloatArray, qvel: FloatArray, places: tuple[list[int], list[int]]
+    ) -> tuple[FloatArray, FloatArray, tuple[list[int], list[int]]]:
+        """Whole states in which the model's loops are closed, with their addresses.
+
+        Args:
+            qpos: (n, n_segments, n_known) positions that are measured.
+            qvel: their velocities.
+            places: their addresses.
+        """
+        model, known = self.robot.model, list(places[1])
+        # What lies between a motor and its link is bent later, by what it carries.
+        known += [one.play.dof for one in self.robot.joints.values() if one.play is not None]
+        known += [one.dof for one in mounts(self.robot)]
+        shape = qpos.shape[:2]
+        whole_qpos = np.tile(rest(model).qpos, (*shape, 1))
+        whole_qvel = np.zeros((*shape, model.nv))
+        whole_qpos[..., places[0]], whole_qvel[..., places[1]] = qpos, qvel
+        rows = shape[0] * shape[1]
+        closed = self.robot.loops.closed(
+            whole_qpos.reshape(rows, -1), whole_qvel.reshape(rows, -1), known
+        )
+        every = list(range(model.nq)), list(range(model.nv))
+        return closed[0].reshape(whole_qpos.shape), closed[1].reshape(whole_qvel.shape), every
 
 
 def predict_together(

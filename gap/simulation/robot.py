@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 
-from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint
+from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint, inputs_of_joint
 from walkerkit.actuators.play import play_joint
 from walkerkit.gap.errors import InputError, closest, one_line, some
 from walkerkit.gap.recordings.given import is_callable, model_name
@@ -24,8 +24,10 @@ from walkerkit.gap.simulation import dry_friction
 from walkerkit.gap.simulation.base import Base, find_base
 from walkerkit.gap.simulation.ground import Ground, add_floor
 from walkerkit.gap.simulation.latest import Latest
+from walkerkit.gap.simulation.loops import Loops
 from walkerkit.gap.simulation.made import spec_of
 from walkerkit.gap.simulation.model_files import check_model_files
+from walkerkit.gap.simulation.movers import Mover, movers, named_inputs
 from walkerkit.gap.simulation.wave import Wave, WaveForm
 
 if TYPE_CHECKING:
@@ -60,10 +62,11 @@ class Joint:
         name: its name in the model.
         id: joint id.
         qpos, dof: address in qpos and qvel.
-        drives: its actuators.
+        drives: its actuators whose law is affine.
         slide: True for a slide joint (m, N instead of rad, N·m).
         play: what is between it and its link, where the model has play there.
-        inputs: what else of a target the law takes that is its drive's, where that runs in Python.
+        inputs: what else takes its targets: what actuators of another law take, `<dcmotor>` and
+            `<pid>`, and the other targets of a law that runs in Python.
     """
 
     name: str
@@ -75,14 +78,23 @@ class Joint:
     play: Play | None = None
     inputs: tuple[Drive, ...] = ()
 
+    @property
+    def commanded(self) -> tuple[Drive, ...]:
+        """All that takes a target of it."""
+        return (*self.drives, *self.inputs)
+
     def drive(self, kind: TargetKind) -> Drive | None:
-        """The actuator that takes targets of this kind, or None."""
-        return next((d for d in (*self.drives, *self.inputs) if d.kind == kind), None)
+        """What takes targets of this kind, by an affine law or one in Python, or None."""
+        return next((d for d in self.commanded if d.kind == kind and d.law == "affine"), None)
 
     @property
     def in_python(self) -> bool:
         """Whether the law of its drive runs in Python."""
         return any(drive.in_python for drive in self.drives)
+
+    def taker(self, kind: TargetKind) -> Drive | None:
+        """What takes targets of this kind, by whatever law, or None."""
+        return next((drive for drive in self.commanded if drive.kind == kind), None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,6 +225,26 @@ class Robot:
     def has_dry_friction(self) -> bool:
         """Whether the model itself has dry friction at a joint."""
         return bool(self.model.dof_frictionloss.any())
+
+    @property
+    def movers(self) -> tuple[Mover, ...]:
+        """Its actuators that are no joint's own, or take no target."""
+        return self.made.get("movers", lambda: movers(self.model))
+
+    @property
+    def loops(self) -> Loops:
+        """The equality constraints of its model."""
+        return self.made.get("loops", lambda: Loops(self.model))
+
+    @property
+    def inputs(self) -> Mapping[str, tuple[Drive, ...]]:
+        """What its actuators take that have a name, by that."""
+        named = self.made.get("inputs", lambda: named_inputs(self.model))
+        # A motor behind a law in Python is not sent what a log says.
+        for joint in (one for one in self.joints.values() if one.in_python):
+            name = self.model.actuator(joint.drives[0].actuator).name
+            named = {**named, name: joint.commanded} if name else named
+        return named
 
     def refined(
         self, factor: int, *, other_integrator: bool = False, as_dry_as_it_goes: bool = False
@@ -425,6 +457,7 @@ def _joint(model: mujoco.MjModel, joint: int) -> Joint:
         qpos=int(model.jnt_qposadr[joint]),
         dof=int(model.jnt_dofadr[joint]),
         drives=drives_of_joint(model, joint),
+        inputs=inputs_of_joint(model, joint),
         slide=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
         play=None
         if play is None

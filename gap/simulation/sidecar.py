@@ -91,9 +91,9 @@ def _entry(robot: Robot) -> dict[str, Any]:
         "hold": robot.hold,
         "command": {
             # Targets go to the first drive of their kind.
-            name: {d.kind: _scale(d) for d in reversed(joint.drives)}
+            name: {d.kind: _scale(d) for d in reversed(joint.commanded)}
             for name, joint in robot.joints.items()
-            if joint.drives and not joint.in_python
+            if joint.commanded and not joint.in_python
         },
         **_in_python(robot),
         "measurement": {
@@ -119,9 +119,7 @@ def _in_python(robot: Robot) -> dict[str, Any]:
             joint: {
                 "config": f"{type(program.cfg).__module__}.{type(program.cfg).__qualname__}",
                 "late": {
-                    drive.kind: drive.late
-                    for drive in (*robot.joints[joint].drives, *robot.joints[joint].inputs)
-                    if drive.late
+                    drive.kind: drive.late for drive in robot.joints[joint].commanded if drive.late
                 },
                 "numbers": {
                     name: float(values[k])
@@ -143,20 +141,23 @@ def _parameters(law: str, values: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _commanded(joint: Joint, command: Mapping[str, Any]) -> Joint:
-    known = command.get(joint.name, {})
+    known = dict(command.get(joint.name, {}))
+
+    def own(drive: Drive) -> Drive:
+        scale = known.pop(drive.kind, None)  # it is of the first drive of its kind
+        if scale is None:
+            return drive
+        return replace(
+            drive,
+            slope=_finite(scale["slope"]),
+            offset=_finite(scale["offset"]),
+            late=_finite(scale.get("late", 0.0)),
+        )
+
     return replace(
         joint,
-        drives=tuple(
-            replace(
-                drive,
-                slope=_finite(known[drive.kind]["slope"]),
-                offset=_finite(known[drive.kind]["offset"]),
-                late=_finite(known[drive.kind].get("late", 0.0)),
-            )
-            if drive.kind in known
-            else drive
-            for drive in joint.drives
-        ),
+        drives=tuple(map(own, joint.drives)),
+        inputs=tuple(map(own, joint.inputs)),
     )
 
 

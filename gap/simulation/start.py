@@ -14,11 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from walkerkit.gap.simulation.interpolate import made_delay
+
 FloatArray = NDArray[np.float64]
 
 _EXACT = int(mujoco.mjtDyn.mjDYN_FILTEREXACT)
 _FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), _EXACT)
 _SETTLED, _LONGEST = 10, 1.0  # time constants; s
+ROUNDED = 1e-6  # steps
+HELD = 0  # interpolation of a delay
 _HISTORY_HEAD = 2  # numbers before the times and values of a history
 # Models are never written to, so that they rest where they did.
 _RESTING: weakref.WeakKeyDictionary[mujoco.MjModel, FloatArray] = weakref.WeakKeyDictionary()
@@ -123,11 +127,36 @@ def _filtered(model: mujoco.MjModel, actuator: int, past: FloatArray) -> FloatAr
     part = step / max(constant, step)
     if model.actuator_dyntype[actuator] == _EXACT and constant > 0:
         part = -float(np.expm1(-step / constant))
-    late = round(float(model.actuator_delay[actuator]) / step)
-    commands = past[..., : past.shape[-2] - late, _inputs(model, actuator).start]
     control = _inputs(model, actuator).start
+    late = float(made_delay(model.actuator_delay[actuator], step)) / step
+    held = model.actuator_history[actuator, 1] == HELD
+    commands = _arrived(past[..., control], late, held=bool(held))
     if model.actuator_ctrllimited[control]:
         commands = np.clip(commands, *model.actuator_ctrlrange[control])
+    if model.actuator_actlimited[actuator]:
+        low, high = model.actuator_actrange[actuator]
+        clipped = np.clip(commands[..., 0], low, high)
+        for k in range(commands.shape[-1]):
+            clipped = np.clip(clipped + part * (commands[..., k] - clipped), low, high)
+        return np.asarray(clipped, dtype=np.float64)
     settled = (1 - part) * commands[..., :1]
     activation, _ = lfilter([part], [1, part - 1], commands, zi=settled)
     return np.asarray(activation[..., -1], dtype=np.float64)
+
+
+def _arrived(commands: FloatArray, late: float, *, held: bool) -> FloatArray:
+    """Commands (..., n) as they arrive some steps after they were sent, whole ones or not.
+
+    Args:
+        commands: the commands of each step.
+        late: by how many steps they are.
+        held: whether the last one counts between two of them, and not the line between both.
+    """
+    steps = np.arange(commands.shape[-1]) - late
+    before = np.floor(steps + ROUNDED).astype(np.intp)
+    part = np.maximum(steps - before, 0.0)
+    first, second = (np.maximum(index, 0) for index in (before, before + 1))
+    older, newer = commands[..., first], commands[..., np.minimum(second, len(steps) - 1)]
+    between = (part > ROUNDED) & (not held)
+    arrived: FloatArray = np.where(between, (1 - part) * older + part * newer, older)
+    return arrived

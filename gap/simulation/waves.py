@@ -109,6 +109,8 @@ def nominal_effort(
     """
     model, drives = robot.model, robot.joints[joint].drives
     forward = recording.signal(joint, "effort_target")
+    if robot.joints[joint].taker("voltage") is not None:
+        forward = None  # it is in volts, if it is there at all
     total = None if any(drive.kind == "effort" for drive in drives) else forward
     for drive in drives:
         target = recording.signal(joint, f"{drive.kind}_target")

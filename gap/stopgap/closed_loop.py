@@ -87,12 +87,12 @@ def _errors(
     for route in routes(robot, recording):
         times = (start[:, None] + offsets).ravel()
         values = between_samples(recording, route.column, times, problem.hold, step).reshape(n, -1)
-        if route.drive is None:
-            applied[..., route.joint.dof] += values
-        elif route.joint.name == joint:
+        if route.drive is not None and route.drive == ours.drive("position"):
             targets = values
-        else:
+        elif route.drive is not None:
             ctrl[..., route.drive.ctrl] = route.drive.control(values)
+        elif route.joint is not None:
+            applied[..., route.joint.dof] += values
     qpos, qvel = MeasuredState(recording, recording.joints).at(start)
     places = [one.qpos for one in joints], [one.dof for one in joints]
     before = lag + remembered

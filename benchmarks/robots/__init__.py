@@ -1,0 +1,1 @@
+"""Robot files as other people have them, and what walkerkit has to make of each."""
