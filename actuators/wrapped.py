@@ -137,7 +137,7 @@ class XmlActuator(AffineActuator):
 
     def _found(self, model: mujoco.MjModel) -> Kind:
         """The one kind of all its actuators."""
-        kinds: dict[Kind, list[str]] = {}
+        kinds: dict[Any, list[str]] = {}  # `read_drive` knows no voltages
         for name, actuator in zip(self.joint_names, self._actuator_ids, strict=True):
             kinds.setdefault(self._read_drive(model, name, int(actuator)).kind, []).append(name)
         if len(kinds) > 1:
