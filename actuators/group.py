@@ -225,7 +225,7 @@ class ActuatorGroup:
         """The error for who asks before they know their physics."""
         return RuntimeError(
             "call initialize(physics) after the model was compiled"
-            if self._joint_names
+            if self._joint_names or not self.actuators
             else _NO_JOINTS
         )
 
@@ -236,14 +236,14 @@ class ActuatorGroup:
         Raises:
             RuntimeError: `edit_mjcf` was not called yet, here and in what follows.
         """
-        if not self._joint_names:
+        if self.actuators and not self._joint_names:
             raise RuntimeError(_NO_JOINTS)
         return self._joint_names
 
     @property
     def driven(self) -> tuple[Any, ...]:
         """The joints (tendons, sites) themselves, in the order of `joint_names`."""
-        if not self._joint_names:
+        if self.actuators and not self._joint_names:
             raise RuntimeError(_NO_JOINTS)
         return self._driven
 
@@ -317,10 +317,10 @@ class ActuatorGroup:
         return every
 
     def _gather(self, parts: list[NDArray[Any]]) -> NDArray[Any]:
-        if not parts:
-            return np.zeros((*self.simulation.batch_shape, 0))
         if self._simulation is None:
             raise self._unknown()
+        if not parts:
+            return np.zeros((*self._simulation.batch_shape, 0))
         every = np.empty((*parts[0].shape[:-1], len(self._joint_names)), dtype=parts[0].dtype)
         for part, columns in zip(parts, self._columns, strict=True):
             every[..., columns] = part

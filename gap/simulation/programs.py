@@ -145,8 +145,8 @@ def _runs_in_python(actuator: Any, robot: Robot) -> bool:
 def _late(actuator: DelayedActuator, step: float) -> dict[TargetKind, float]:
     """How old its targets are on average [s]."""
     lag = 0.5 * (actuator.cfg.delay_min_lag + actuator.cfg.delay_max_lag)
-    late = actuator.cfg.words(actuator.takes)
-    return {kind: lag * step for kind in _KINDS if kind in late}
+    words = actuator.cfg.words(actuator.base.takes)
+    return {kind: lag * step for kind in _KINDS if kind in words}
 
 
 def _of_lags(actuator: DelayedActuator, names: Sequence[str]) -> list[str]:
