@@ -27,6 +27,7 @@ _LONGEST_FILTER = 0.05  # s, that a velocity is behind
 _LAGS = 16  # how many of them are tried
 _ALIKE = 0.98  # correlation from which a factor is one
 _FACTOR, _OFFSET = 0.03, 0.05  # least that matters, the second of the velocity's own size
+_LEFT = 0.5  # of what a factor explains, that it leaves
 _SAME = 0.02  # by which the factor of the slow part may differ
 _SLOW_PART = 0.2  # of the motion, which has to be slow to be compared
 _BLOCKS, _CERTAIN = 8, 5.0  # parts of a log, and standard errors
@@ -113,6 +114,8 @@ def disagreement(recording: Recording, joint: str) -> Disagreement | None:
     least, most = sorted([factor, factor / alike**2])
     differs = least > 1 + _FACTOR or most < 1 - _FACTOR
     differs = differs and abs(factor - 1) * float(np.std(s)) > digit
+    # A constant factor leaves little beside what it explains.
+    differs = differs and factor * np.sqrt(1 - alike**2) < _LEFT * abs(factor - 1)
     # A filter of time constant T is behind by T, and takes off (ω T)²/2 of a motion of frequency ω.
     frequency = float(np.std(np.gradient(s, step)) / np.std(s))
     differs = differs and not 0 < 1 - factor < (frequency * lag * step) ** 2

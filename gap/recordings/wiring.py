@@ -86,12 +86,16 @@ def exchanged(recording: Recording, kind: Kind, columns: Sequence[str]) -> Recor
     """
     changed = dict(recording.columns)
     for name in columns:
-        if name not in changed:
-            continue
         if kind == "sign_flip":
-            changed[name] = -recording.columns[name]
+            if name in changed:
+                changed[name] = -recording.columns[name]
+            continue
+        # One of the two may be left out, as a velocity that is not compared.
+        other = recording.columns.get(_partner(name, columns))
+        if other is None:
+            changed.pop(name, None)
         else:
-            changed[name] = recording.columns[_partner(name, columns)]
+            changed[name] = other
     return replace(recording, columns=changed)
 
 

@@ -37,6 +37,7 @@ class Book:
 
     def __init__(self, problem: Problem):
         self._problem = problem
+        self._joints = [channel.joint for channel in problem.channels]
         self._known: tuple[Fit, Slopes] | None = None
         self.gains: dict[tuple[int, str], float] = {}
         self._members: list[Member] = []
@@ -91,6 +92,14 @@ class Book:
             self._table = None
         return one
 
+    def is_enough(self, smaller: Fit, full: Fit) -> bool:
+        """Whether what a fit has beside a smaller one is not worth a name."""
+        found = [next((m for m in self._members if m.fit is one), None) for one in (smaller, full)]
+        before, after = found
+        if before is None or after is None:
+            return after is None and before is not None
+        return not is_worth_a_name(before, after, self._joints)
+
     def slopes(self, one: Fit) -> Slopes:
         """Those at a fit, of which the latest are kept."""
         if self._known is None or self._known[0] is not one:
@@ -124,7 +133,7 @@ class Book:
         if not plain:
             return True
         table = Table(tuple(plain))
-        return is_worth_a_name(table.best, one, [c.joint for c in self._problem.channels])
+        return is_worth_a_name(table.best, one, self._joints)
 
 
 def _estimated(problem: Problem, one: Fit, slopes: Slopes) -> bool:

@@ -28,7 +28,7 @@ from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
 from walkerkit.gap.search.reduce import members
-from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.slopes import linearised, normal_equations
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried, merged
 from walkerkit.gap.search.unknown import unknown_weight
 from walkerkit.gap.simulation.mend import mend
@@ -147,29 +147,49 @@ def _exchange(
             book.add(one, beside=others)
 
 
-def _at_needed_places(problem: Problem, book: Book, current: Fit) -> Fit:
-    """The fit with its newest effect only where the table wants it."""
-    term = current.structure.terms[-1]
-    while len(term.places) > 1:
-        values = current.values - current.structure.zero
-        size = {
-            place: float(
-                np.max(
-                    np.abs(values[c := current.structure.columns(term, place)])
-                    / current.structure.prior[c]
-                )
-            )
-            for place in term.places
-        }
-        smallest = min(term.places, key=size.__getitem__)
-        fewer = replace(term, sites=tuple(site for site in term.sites if site != smallest))
-        structure = current.structure.replaced(term, fewer)
-        (smaller,) = _refitted(problem, current, [structure])
-        smaller = book.add(smaller, beside=current)
-        if book.best.fit is not smaller:
+def _at_needed_places(problem: Problem, book: Book, full: Fit) -> Fit:
+    """The fit with its newest effect only where it is worth a name.
+
+    Tried at the one place where it changes most, then at two, four, and so on; of those that are
+    enough each is left out once more.
+    """
+    term = full.structure.terms[-1]
+    if len(term.places) < 2:
+        return full
+    change = _changes(problem, book, full)
+    order = sorted(term.places, key=lambda place: -change[place])
+    count, enough = 1, full
+    while count < len(order):
+        smaller = _at(problem, book, full, term, order[:count])
+        if book.is_enough(smaller, full):
+            enough = smaller
             break
-        current, term = smaller, fewer
-    return current
+        count *= 2
+    while len(enough.structure.terms[-1].places) > 1 and enough is not full:
+        fewer = enough.structure.terms[-1].places
+        least = min(fewer, key=change.__getitem__)
+        smaller = _at(problem, book, full, term, [p for p in fewer if p != least])
+        if not book.is_enough(smaller, full):
+            break
+        enough = smaller
+    return enough
+
+
+def _changes(problem: Problem, book: Book, one: Fit) -> dict[str, float]:
+    """Place of the newest effect to how much its numbers there change, each by itself."""
+    structure = one.structure
+    normal, _ = normal_equations(problem.fit.objective, one, book.slopes(one))
+    away = (one.values - structure.zero) / structure.scale
+    size = np.diag(normal) * away**2
+    term = structure.terms[-1]
+    return {place: float(size[structure.columns(term, place)].max()) for place in term.places}
+
+
+def _at(problem: Problem, book: Book, full: Fit, term: Term, places: Sequence[str]) -> Fit:
+    """A fit with one of its terms at fewer places, in the book."""
+    fewer = replace(term, sites=tuple(site for site in term.sites if site in places))
+    (smaller,) = _refitted(problem, full, [full.structure.replaced(term, fewer)])
+    return book.add(smaller, beside=full)
 
 
 def _without(problem: Problem, current: Fit, terms: Sequence[Term]) -> Fit:

@@ -143,8 +143,8 @@ def test_effects_of_all_joints_need_no_places() -> None:
     ("before", "after", "worth"),
     [
         (0.02, 0.01, True),
-        (0.02, 0.02 * np.exp(-0.9 * LEAST_GAIN), False),
-        (0.02, 0.02 * np.exp(-1.1 * LEAST_GAIN), True),
+        (0.02, 0.02 * np.exp(-1.9 * LEAST_GAIN), False),
+        (0.02, 0.02 * np.exp(-2.1 * LEAST_GAIN), True),
         (0.2 * FLOOR, 0.1 * FLOOR, False),  # below the floor nothing is worth anything
         (0.01, 0.02, False),
     ],
