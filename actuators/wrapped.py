@@ -139,7 +139,9 @@ class XmlActuator(AffineActuator):
         """The one kind of all its actuators."""
         kinds: dict[Any, list[str]] = {}  # `read_drive` knows no voltages
         for name, actuator in zip(self.joint_names, self._actuator_ids, strict=True):
-            kinds.setdefault(self._read_drive(model, name, int(actuator)).kind, []).append(name)
+            kind = self._read_drive(model, name, int(actuator)).kind
+            if kind != "voltage":  # which no affine law takes
+                kinds.setdefault(kind, []).append(name)
         if len(kinds) > 1:
             of_kind = "; ".join(
                 f"{_A[kind]}: {_CONFIG[kind]}(joint_names_expr={tuple(map(re.escape, names))})"
