@@ -55,7 +55,7 @@ class Book:
         """The member that the table prefers."""
         return self.table.best
 
-    def add(self, one: Fit, *, beside: Fit | None = None) -> Fit:
+    def add(self, one: Fit, *, beside: Fit | None = None, smaller: bool = False) -> Fit:
         """Adds a fit to all recordings that are fitted, with what it does not need left out.
 
         What was not estimated, or brings less than is worth a name, is left out of the table: an
@@ -65,15 +65,17 @@ class Book:
         Args:
             one: the fit.
             beside: a fit without its last effect, or another in its place, that it has to beat.
+            smaller: it is the fit beside it with fewer numbers, which need not beat it.
 
         Returns:
             The fit, with the score that it has by its own numerical error.
         """
         problem, objective = self._problem, self._problem.fit.objective
-        if beside is not None:
+        if beside is not None and not smaller:
             self._tried(one, beside)
         if not np.isfinite(one.score) or (
             beside is not None
+            and not smaller
             and (one.score - beside.score) * objective.samples > _OUT_OF_REACH * TEMPERATURE
         ):
             return one
@@ -87,7 +89,8 @@ class Book:
         found = members(objective, one, slopes, problem.noise)
         if beside is None:
             self._left_out(found)
-        if beside is None or not self._members or self._worth_a_name(found[0]):
+        free = beside is None or smaller or not self._members
+        if free or self._worth_a_name(found[0]):
             self._members += found
             self._table = None
         return one

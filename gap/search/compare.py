@@ -155,7 +155,8 @@ class Table:
 def is_worth_a_name(before: Member, after: Member, joints: Sequence[str]) -> bool:
     """Whether a structure leaves gaps that are smaller by what is worth a name.
 
-    In the mean of the channels, or twice as much at some joint. Over all blocks, or in the typical one: a few wild blocks hold most of a root mean square.
+    In the mean of the channels, or twice as much at some joint. Over all blocks, or in the typical
+    one: a few wild blocks hold most of a root mean square.
 
     Args:
         before: the structure without what is to be named.

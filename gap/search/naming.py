@@ -189,7 +189,7 @@ def _at(problem: Problem, book: Book, full: Fit, term: Term, places: Sequence[st
     """A fit with one of its terms at fewer places, in the book."""
     fewer = replace(term, sites=tuple(site for site in term.sites if site in places))
     (smaller,) = _refitted(problem, full, [full.structure.replaced(term, fewer)])
-    return book.add(smaller, beside=full)
+    return book.add(smaller, beside=full, smaller=True)
 
 
 def _without(problem: Problem, current: Fit, terms: Sequence[Term]) -> Fit:
