@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from walkerkit.actuators.drivetrain import SupplyVoltage
 from walkerkit.gap.deliver.findings import Findings
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, Effect, Parameter
 from walkerkit.gap.errors import InputError, closest
@@ -18,7 +19,7 @@ from walkerkit.gap.simulation.trials import Trials
 
 # How far the joints went is not asked here; nothing that was found is too small to be there.
 _SLIGHT = Excursion(lower=-5e-7, upper=5e-7)
-_OF_THE_RIG = ("base_tilt",)  # where the robot was mounted, not of the robot
+_OF_THE_RIG = ("base_tilt", "mount_compliance")  # where the robot was mounted, not of the robot
 _DIGITS = 1e-5  # of a number in diagnosis.json
 _ADDS = 1e-4  # how well a sum has to be met by numbers of six digits
 
@@ -50,7 +51,7 @@ def reapplied(
                 f"there {'are' if len(named) > 1 else 'is'} {', '.join(named) or 'none'}. "
                 "Name one of them with --effect, or leave it out."
             )
-    robot = replace(robot, excursions=dict.fromkeys(robot.joints, _SLIGHT))
+    robot = replace(robot, excursions={name: _seen(found, name) for name in robot.joints})
     trials, notes = Trials(robot, 1), list[str]()
     for of in found.effects:
         effect = CATALOGUE[of["effect"]]
@@ -66,6 +67,12 @@ def reapplied(
             effect.apply(trials, site, _values(of, effect, robot, site, notes)[None])
     mended = mend(trials)
     return replace(mended, hold=found.robot.hold or robot.hold), tuple(dict.fromkeys(notes))
+
+
+def _seen(found: Findings, joint: str) -> Excursion:
+    """What is said of a joint's recordings: of them all only the usual voltage was kept."""
+    law = found.robot.laws.get(joint, {}).get(SupplyVoltage.name)
+    return _SLIGHT if law is None else replace(_SLIGHT, voltage=(law["nominal"], 0.0, np.inf))
 
 
 def _sites(found: Findings, of: Mapping[str, Any], effect: Effect, robot: Robot) -> tuple[str, ...]:
