@@ -51,7 +51,8 @@ def reapplied(
                 f"there {'are' if len(named) > 1 else 'is'} {', '.join(named) or 'none'}. "
                 "Name one of them with --effect, or leave it out."
             )
-    robot = replace(robot, excursions={name: _seen(found, name) for name in robot.joints})
+    seen = {name: replace(_SLIGHT, voltage=_voltage(found, name)) for name in robot.joints}
+    robot = replace(robot, excursions=seen)
     trials, notes = Trials(robot, 1), list[str]()
     for of in found.effects:
         effect = CATALOGUE[of["effect"]]
@@ -69,10 +70,19 @@ def reapplied(
     return replace(mended, hold=found.robot.hold or robot.hold), tuple(dict.fromkeys(notes))
 
 
-def _seen(found: Findings, joint: str) -> Excursion:
-    """What is said of a joint's recordings: of them all only the usual voltage was kept."""
+def _voltage(found: Findings, joint: str) -> tuple[float, float, float] | None:
+    """The voltage that was usual in the recordings, if it has varied; a law has kept it."""
     law = found.robot.laws.get(joint, {}).get(SupplyVoltage.name)
-    return _SLIGHT if law is None else replace(_SLIGHT, voltage=(law["nominal"], 0.0, np.inf))
+    return None if law is None else (law["nominal"], 0.0, math.inf)
+
+
+def _supplied(found: Findings) -> Robot:
+    """The diagnosed robot with the voltage that its recordings had."""
+    robot = found.robot
+    seen = {
+        name: replace(robot.excursion(name), voltage=_voltage(found, name)) for name in robot.joints
+    }
+    return replace(robot, excursions=seen)
 
 
 def _sites(found: Findings, of: Mapping[str, Any], effect: Effect, robot: Robot) -> tuple[str, ...]:
@@ -84,7 +94,7 @@ def _sites(found: Findings, of: Mapping[str, Any], effect: Effect, robot: Robot)
     else:
         sites = tuple(of["joints"])
         if sites == (EVERYWHERE,):
-            sites = effect.sites(found.robot, tuple(found.robot.joints))
+            sites = effect.sites(_supplied(found), tuple(found.robot.joints))
         _check("joint", sites, robot.joints, found, robot)
     possible = effect.sites(robot, tuple(robot.joints))
     for site in sites:

@@ -102,7 +102,7 @@ def with_mount(robot: Robot) -> Robot:
     for joint, name, axis in zip(added, MOUNTS, turn[:2], strict=True):
         for field, value in PLAIN.items():
             setattr(joint, field, value)
-        for field in ("stiffness", "damping", "springdamper", "actfrcrange"):
+        for field in ("stiffness", "damping", "springdamper", "range", "actfrcrange"):
             getattr(joint, field)[:] = 0
         joint.type = mujoco.mjtJoint.mjJNT_HINGE
         joint.name, joint.pos, joint.axis, joint.limited = name, [0.0, 0.0, 0.0], axis, False
