@@ -46,9 +46,7 @@ class SupplyVoltage(DrivetrainLaw):
         known = np.isfinite(step.voltage)
         off = np.where(known, np.where(known, step.voltage, 0.0) / p["nominal"] - 1.0, 0.0)
         step.supply = 1.0 + p["share"] * off
-        step.effort = step.effort * step.supply
-        if step.effort_ahead.any():
-            step.effort_ahead = step.effort_ahead * step.supply
+        _scale(step, step.supply)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,6 +209,12 @@ class QuadraticDrag(DrivetrainLaw):
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
         step.extra -= p["drag"] * step.qd * np.abs(step.qd)
+
+
+def _scale(step: Step, factor: FloatArray) -> None:
+    step.effort = step.effort * factor
+    if step.effort_ahead.any():
+        step.effort_ahead = step.effort_ahead * factor
 
 
 def _limit(step: Step, low: FloatArray, high: FloatArray) -> None:

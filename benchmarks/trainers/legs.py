@@ -38,7 +38,14 @@ LEG = """<mujoco model="leg">
   </actuator>
 </mujoco>
 """
-SEEN = Excursion(lower=-0.6, upper=0.7, velocity=4.0, acceleration=60.0, effort=6.0)
+SEEN = Excursion(
+    lower=-0.6,
+    upper=0.7,
+    velocity=4.0,
+    acceleration=60.0,
+    effort=6.0,
+    voltage=(24.0, 21.0, 25.5),
+)
 
 
 def leg_at(path: Path, text: str = LEG) -> Robot:

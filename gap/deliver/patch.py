@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.deliver.drives import patch_drives
 from walkerkit.gap.deliver.markup import Document, Node
 from walkerkit.gap.deliver.numerals import numerals, whole
+from walkerkit.gap.simulation.mount import MOUNTS
 from walkerkit.gap.simulation.robot import Robot
 
 _JOINT = {  # attribute to the field of mjModel, and what it is indexed by
@@ -166,7 +167,12 @@ def patch(document: Document, given: Robot, mended: Robot) -> None:
         if given.model.jnt_type[old] in _SCALAR:
             for attribute, text in joint_changes(given, old, mended, new):
                 document.set(elements.joint(old), attribute, text)
-    for name in (name for name in mended.joints if name in added):
+    if added & {*MOUNTS}:
+        carried = elements.body(int(mended.model.jnt_bodyid[mended.joints[MOUNTS[0]].id]))
+        # Each is put before all that is there.
+        for name in reversed(MOUNTS):
+            document.insert_into(carried, whole_joint(mended, mended.joints[name].id, name))
+    for name in (name for name in mended.joints if name in added and name not in MOUNTS):
         motor = name.removesuffix("_play")
         after = elements.joint(given.joints[motor].id)
         document.insert_after(after, whole_joint(mended, mended.joints[name].id, name))
@@ -174,6 +180,7 @@ def patch(document: Document, given: Robot, mended: Robot) -> None:
         _patch_keys(document, elements, mended)
     _patch_inertias(document, elements, given.model, mended.model)
     _patch_contacts(document, elements, given.model, mended.model)
+    _patch_places(document, elements, given, mended)
     _patch_option(document, elements, given.model, mended.model)
     patch_drives(document, elements.actuator, given.model, mended.model)
 
@@ -259,11 +266,13 @@ def _patch_keys(document: Document, elements: Elements, mended: Robot) -> None:
 def _patch_inertias(
     document: Document, elements: Elements, before: mujoco.MjModel, after: mujoco.MjModel
 ) -> None:
+    # The mass of a body stays where it was when its geoms move, from which it may follow.
+    emptied = {*before.geom_bodyid[_moved(before, after)]}
     for body in range(1, before.nbody):
         mass, place = after.body_mass[body], after.body_ipos[body]
         heavier = mass != before.body_mass[body]
         moved = not np.array_equal(place, before.body_ipos[body])
-        if not (heavier or moved):
+        if not (heavier or moved or body in emptied):
             continue
         node = elements.body(body)
         inertial = node.inside("inertial", through=("include",))
@@ -288,6 +297,31 @@ def _patch_contacts(
             own, wanted = (getattr(model, f"{kind}_{attribute}") for model in (before, after))
             for number in np.flatnonzero((own != wanted).any(axis=1)):
                 document.set(find(int(number)), attribute, numerals(wanted[number]))
+
+
+def _patch_places(document: Document, elements: Elements, given: Robot, mended: Robot) -> None:
+    """Geoms that have moved in their bodies."""
+    before, after = given.model, mended.model
+    moved = _moved(before, after)
+    if not moved.size:
+        return
+    spec = given.spec.copy()
+    spec.compile()  # gives the elements of the copy the ids of the compiled model
+    own = {geom.id: geom for geom in spec.geoms}
+    for number in map(int, moved):
+        node, geom = elements.geom(number), own[number]
+        if geom.frame is not None:
+            raise ValueError(f"geom {geom.name or number!r} is placed by a frame around it")
+        shift = after.geom_pos[number] - before.geom_pos[number]
+        if np.isfinite(geom.fromto).all():
+            document.set(node, "fromto", whole(geom.fromto + np.tile(shift, 2)))
+        else:
+            document.set(node, "pos", whole(geom.pos + shift))
+
+
+def _moved(before: mujoco.MjModel, after: mujoco.MjModel) -> NDArray[np.intp]:
+    """The geoms that are elsewhere in their bodies."""
+    return np.flatnonzero((before.geom_pos != after.geom_pos).any(axis=1))
 
 
 def _patch_option(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from walkerkit.actuators.drivetrain import SupplyVoltage
 from walkerkit.gap.deliver.findings import Findings
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, Effect, Parameter
 from walkerkit.gap.errors import InputError, closest
@@ -18,7 +19,7 @@ from walkerkit.gap.simulation.trials import Trials
 
 # How far the joints went is not asked here; nothing that was found is too small to be there.
 _SLIGHT = Excursion(lower=-5e-7, upper=5e-7)
-_OF_THE_RIG = ("base_tilt",)  # where the robot was mounted, not of the robot
+_OF_THE_RIG = ("base_tilt", "mount_compliance")  # where the robot was mounted, not of the robot
 _DIGITS = 1e-5  # of a number in diagnosis.json
 _ADDS = 1e-4  # how well a sum has to be met by numbers of six digits
 
@@ -50,7 +51,8 @@ def reapplied(
                 f"there {'are' if len(named) > 1 else 'is'} {', '.join(named) or 'none'}. "
                 "Name one of them with --effect, or leave it out."
             )
-    robot = replace(robot, excursions=dict.fromkeys(robot.joints, _SLIGHT))
+    seen = {name: replace(_SLIGHT, voltage=_voltage(found, name)) for name in robot.joints}
+    robot = replace(robot, excursions=seen)
     trials, notes = Trials(robot, 1), list[str]()
     for of in found.effects:
         effect = CATALOGUE[of["effect"]]
@@ -68,6 +70,21 @@ def reapplied(
     return replace(mended, hold=found.robot.hold or robot.hold), tuple(dict.fromkeys(notes))
 
 
+def _voltage(found: Findings, joint: str) -> tuple[float, float, float] | None:
+    """The voltage that was usual in the recordings, if it has varied; a law has kept it."""
+    law = found.robot.laws.get(joint, {}).get(SupplyVoltage.name)
+    return None if law is None else (law["nominal"], 0.0, math.inf)
+
+
+def _supplied(found: Findings) -> Robot:
+    """The diagnosed robot with the voltage that its recordings had."""
+    robot = found.robot
+    seen = {
+        name: replace(robot.excursion(name), voltage=_voltage(found, name)) for name in robot.joints
+    }
+    return replace(robot, excursions=seen)
+
+
 def _sites(found: Findings, of: Mapping[str, Any], effect: Effect, robot: Robot) -> tuple[str, ...]:
     if effect.kind == "robot":
         sites: tuple[str, ...] = (EVERYWHERE,)
@@ -77,7 +94,7 @@ def _sites(found: Findings, of: Mapping[str, Any], effect: Effect, robot: Robot)
     else:
         sites = tuple(of["joints"])
         if sites == (EVERYWHERE,):
-            sites = effect.sites(found.robot, tuple(found.robot.joints))
+            sites = effect.sites(_supplied(found), tuple(found.robot.joints))
         _check("joint", sites, robot.joints, found, robot)
     possible = effect.sites(robot, tuple(robot.joints))
     for site in sites:

@@ -98,6 +98,9 @@ _SPECIAL: Mapping[str, Mapping[str, Way]] = MappingProxyType(
             "torque_bias": _cannot("no constant effort; the joint sags as much less or more"),
             "quadratic_drag": Way(kind="function", says=f"`quadratic_drag` in {MADE}"),
             "parallel_spring": _cannot("joints have no springs; their effort is lost"),
+            "mount_compliance": _cannot(
+                "joints have no springs; without the mount's hinges it is stiff"
+            ),
             "base_tilt": _config("`SimulationCfg(gravity=…)`"),
             "timestep": _config("`SimulationCfg(dt=…)`; the integrator is its own"),
             "end_stop": _cannot("the range is in model.xml; how hard its stops are is lost"),

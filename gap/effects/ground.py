@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
+from functools import partial
 from types import MappingProxyType
 
 import mujoco
@@ -18,6 +19,7 @@ from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
 from walkerkit.gap.simulation.feet import Foot, find_feet, in_frame_of
 from walkerkit.gap.simulation.ground import Ground
 from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.start import rest
 from walkerkit.gap.simulation.trials import Trials
 
 # Of what the model has. Contacts that break and slip make a fit's slopes rough, so it takes steps
@@ -203,6 +205,19 @@ class GroundCompliance(GroundEffect):
         return _time_constant(np.concatenate(solref))
 
 
+def _place(column: int, robot: Robot, site: str, given: Robot) -> float:
+    """Where the first geom of a foot is in its shank's frame, whatever it is welded on by [m].
+
+    It is found in the robot as it was given: a foot that has moved may touch with another geom.
+    """
+    foot, model = _shanks(given)[site], robot.model
+    (geom, *_), body = foot.geoms, model.body(site).id
+    data = rest(model)
+    mujoco.mj_kinematics(model, data)
+    place = (data.geom_xpos[geom] - data.xpos[body]) @ data.xmat[body].reshape(3, 3)
+    return float(place[column])
+
+
 class FootOffset(Effect):
     """A foot is elsewhere on its leg than the model says: a longer shank, a worn or other foot.
 
@@ -216,6 +231,12 @@ class FootOffset(Effect):
     added_as = "geom pos"
     source = "MuJoCo XML reference, geom/pos"
     kind = "body"
+    fields = MappingProxyType(
+        {
+            axis: fields.Field(path="geom/pos", read=partial(_place, column))
+            for column, axis in enumerate("xyz")
+        }
+    )
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
         """The bodies that carry feet, but for the base itself."""

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
 from walkerkit.gap.simulation.gear_play import stiffest
-from walkerkit.gap.simulation.mount import carrier, mounts, with_mount
+from walkerkit.gap.simulation.mount import carrier, made_mount, mounts, with_mount
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
 _RESONANCES = (25.0, 12.0, 6.0)  # Hz; of the whole robot on its mount
 _TYPICAL, _SOFTEST = 12.0, 2.0  # Hz
+
+
+def _made(name: str, robot: Robot, site: str, given: Robot) -> float | None:
+    return made_mount(robot)[name]
 
 
 class MountCompliance(Effect):
@@ -29,6 +36,18 @@ class MountCompliance(Effect):
     added_as = "two joints under the robot, with stiffness and damping"
     source = "MuJoCo XML reference, joint/stiffness; Spong, J. Dyn. Sys. Meas. Control 109, 1987"
     kind = "robot"
+    fields = MappingProxyType(
+        {
+            "compliance": fields.Field(
+                path="joint[mount_roll, mount_pitch]/stiffness",
+                read=partial(_made, "compliance"),
+            ),
+            "damping_ratio": fields.Field(
+                path="joint[mount_roll, mount_pitch]/damping",
+                read=partial(_made, "damping_ratio"),
+            ),
+        }
+    )
 
     def sites(self, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
         """The robot as a whole, where one body carries it and no mount is modelled yet."""

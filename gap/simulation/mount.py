@@ -102,7 +102,7 @@ def with_mount(robot: Robot) -> Robot:
     for joint, name, axis in zip(added, MOUNTS, turn[:2], strict=True):
         for field, value in PLAIN.items():
             setattr(joint, field, value)
-        for field in ("stiffness", "damping", "springdamper", "actfrcrange"):
+        for field in ("stiffness", "damping", "springdamper", "range", "actfrcrange"):
             getattr(joint, field)[:] = 0
         joint.type = mujoco.mjtJoint.mjJNT_HINGE
         joint.name, joint.pos, joint.axis, joint.limited = name, [0.0, 0.0, 0.0], axis, False
@@ -154,3 +154,19 @@ def set_mount(trials: Trials, values: Mapping[str, FloatArray]) -> None:
         trials.field("jnt_stiffness")[:, joint.id] = stiffness
         damping = 2 * values["damping_ratio"] * np.sqrt(stiffness * inertia)
         trials.field("dof_damping")[:, joint.dof] = damping
+
+
+def made_mount(robot: Robot) -> dict[str, float | None]:
+    """What a robot's model says of its mount, as `set_mount` has written it.
+
+    Returns:
+        `compliance` [rad/(N·m)], 0 where there is no mount, and its `damping_ratio` [1], None
+        without one.
+    """
+    model, hinges = robot.model, mounts(robot)
+    if not hinges or model.jnt_stiffness[hinges[0].id] <= 0:
+        return {"compliance": 0.0, "damping_ratio": None}
+    stiffness = float(model.jnt_stiffness[hinges[0].id])
+    critical = 2 * np.sqrt(stiffness * float(model.dof_M0[hinges[0].dof]))
+    damping = float(model.dof_damping[hinges[0].dof])
+    return {"compliance": 1 / stiffness, "damping_ratio": damping / critical}

@@ -32,3 +32,19 @@ AWKWARD = """<?xml version="1.0"?>
   <keyframe><key name="home" qpos="0.1 0.2"/></keyframe>
 </mujoco>
 """
+
+# It stands on the floor with a trunk.
+STANDING = (
+    AWKWARD.replace(
+        '<body name="thigh" pos="0 0 2" childclass="leg">',
+        '<body name="trunk" pos="0 0 0.52"><freejoint/><geom size="0.1" mass="3" contype="0"/>\n'
+        '    <body name="thigh" childclass="leg">',
+    )
+    .replace("      </frame>\n    </body>", "      </frame>\n    </body></body>")
+    .replace('qpos="0.1 0.2"', 'qpos="0 0 0.52 1 0 0 0 0.1 0.2"')
+)
+
+
+def text_for(effect):
+    """The leg on which an effect can act."""
+    return STANDING if effect == "foot_offset" else AWKWARD

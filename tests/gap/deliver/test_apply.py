@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.trainers.legs import diagnosed, leg_at
-from tests.gap.deliver.robots import AWKWARD
+from tests.gap.deliver.robots import AWKWARD, text_for
 from walkerkit.gap.deliver import apply
 from walkerkit.gap.deliver.patch import differences
 from walkerkit.gap.effects import CATALOGUE
@@ -60,7 +60,7 @@ def tag_changes(before, after):
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_diagnosed_model_becomes_the_mended_one(name, tmp_path):
-    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    robot = leg_at(tmp_path / "own" / "leg.xml", text_for(name))
     mended = diagnosed(tmp_path / "result", robot, name)
     out = tmp_path / "own" / "new.xml"
     apply(tmp_path / "result", tmp_path / "own" / "leg.xml", out=out)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.trainers.legs import diagnosed, leg_at
-from tests.gap.deliver.robots import AWKWARD
+from tests.gap.deliver.robots import text_for
 from walkerkit.gap.deliver import export
 from walkerkit.gap.deliver.findings import read_findings
 from walkerkit.gap.deliver.randomization import posterior, randomization_code
@@ -21,7 +21,7 @@ from walkerkit.gap.simulation.robot import load_robot
 @pytest.fixture
 def saved(tmp_path):
     def make(name, sites=None):
-        robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+        robot = leg_at(tmp_path / "own" / "leg.xml", text_for(name))
         mended = diagnosed(tmp_path / "result", robot, name, sites)
         return tmp_path / "result", mended
 

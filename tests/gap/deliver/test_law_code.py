@@ -25,6 +25,7 @@ SIZES = {
     "integral_action": {"gain": 30.0, "clamp": 0.5},
     "velocity_filter": {"time_constant": 0.02},
     "loop_delay": {"delay": 0.0057},
+    "supply_voltage": {"share": 0.7, "nominal": 24.0},
     "supply_sag": {"sag": 0.01},
     "torque_speed_limit": {"saturation_effort": 6.0, "velocity_limit": 4.0},
     "actuator_lag": {"time_constant": 0.01},
@@ -75,6 +76,7 @@ def test_it_makes_what_the_library_makes(name, tmp_path):
         qd = qd + random.normal(size=2) * 0.3
         q = q + dt * qd
         held, play = 0.1 * random.normal(size=2), 0.01 * random.normal(size=2)
+        voltage = np.array([np.nan if k % 9 == 4 else 22.0 + random.normal()])
         zero = np.zeros(2)
         step = Step(
             dt=dt,
@@ -92,6 +94,7 @@ def test_it_makes_what_the_library_makes(name, tmp_path):
             held=held,
             play=play,
             play_speed=10 * play,
+            voltage=voltage,
         )
         bank.run("controller", step)
         made = np.clip(40 * (step.target - q) * [1, 25 / 40] - qd, -9, 9)
@@ -99,7 +102,7 @@ def test_it_makes_what_the_library_makes(name, tmp_path):
         bank.run("drive", step)
         bank.run("joint", step)
         state, ctrl, applied, dry = code["before_step"](
-            state, *map(torch.tensor, (target, q, qd, held, play, 10 * play))
+            state, *map(torch.tensor, (target, q, qd, held, play, 10 * play, voltage))
         )
         np.testing.assert_allclose(ctrl.numpy(), step.target, rtol=1e-9, atol=1e-9)
         wanted = step.effort - made + step.extra

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.trainers.legs import SEEN, leg_at, mended_with
-from tests.gap.deliver.robots import AWKWARD
+from tests.gap.deliver.robots import AWKWARD, text_for
 from walkerkit.gap.deliver.markup import Document
 from walkerkit.gap.deliver.patch import differences
 from walkerkit.gap.deliver.versions import needed
@@ -28,7 +28,8 @@ def changed_lines(before, after):
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_users_file_says_every_effect(name, tmp_path):
-    robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
+    given = text_for(name)
+    robot = leg_at(tmp_path / "own" / "leg.xml", given)
     mended = mended_with(robot, name)
     (tmp_path / "out").mkdir()
     written = write_mended(robot, mended, tmp_path / "out" / "model.xml")
@@ -38,9 +39,9 @@ def test_the_users_file_says_every_effect(name, tmp_path):
     text = (tmp_path / "out" / "model.xml").read_text()
     # Without the attributes that were named nothing is left of the difference.
     edits = patched(robot, mended).edits
-    assert len(edits) >= bool(changed_lines(AWKWARD, text))
+    assert len(edits) >= bool(changed_lines(given, text))
     assert text.count("<!-- knee > hip -->") == 1
-    assert text.startswith(AWKWARD[: AWKWARD.index("<option")])
+    assert text.startswith(given[: given.index("<option")])
 
 
 def test_a_diff_shows_the_attribute_alone(tmp_path):
