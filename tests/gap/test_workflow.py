@@ -28,7 +28,7 @@ from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
 from walkerkit.gap.report.result import Result
 from walkerkit.gap.report.wording import verdict_sentence
 from walkerkit.gap.search import holds, naming
-from walkerkit.gap.search.naming import Round
+from walkerkit.gap.search.naming import Explanation
 from walkerkit.gap.search.problem import Problem
 from walkerkit.tasks.excitation import BATTERY
 
@@ -795,7 +795,7 @@ def test_other_readings_of_targets_are_searched_only_where_they_promise_more(
     """The hardware's friction leaves a gap beside dry friction, whatever the targets are."""
     searched = []
 
-    def name_effects(problem: Problem, *rest: Any) -> tuple[Round, ...]:
+    def name_effects(problem: Problem, *rest: Any) -> Explanation:
         searched.append(problem.hold)
         return naming.name_effects(problem, *rest)
 
