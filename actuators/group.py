@@ -350,9 +350,11 @@ def _claimed_twice(
         if rest
         else "leave one of the two out"
     )
+    kind = twice[0].spec.namespace
+    what = f"{kind}s {{}} are" if len(twice) > 1 else f"{kind} {{}} is"
     return ValueError(
-        f"{twice[0].spec.namespace} {listed(names(twice))} is claimed by {_named(one)} and by "
-        f"{_named(other)}: {remedy}"
+        f"{what.format(listed(names(twice)))} claimed by {_named(one)} and by {_named(other)}: "
+        f"{remedy}"
     )
 
 

@@ -380,27 +380,11 @@ class Recording:
     def _check_finite(self, name: str, values: Array) -> None:
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
-            remedy = self._filled(name, bad.size, values.size)
+            remedy = _filled(name, values, bad)
             raise self._error(
                 f"column {name!r} is empty, NaN or infinite in {bad.size} of {values.size} rows, "
                 f"first {values[bad[0]]} at {self.row(bad[0])}. {remedy}"
             )
-
-    def _filled(self, name: str, empty: int, rows: int) -> str:
-        """How to go on from cells without a number so that nothing is lost."""
-        if empty == rows:
-            return "Log it, or delete the column"
-        if name == "time":
-            return "Delete such rows"
-        if _split(name)[1] in TARGETS:
-            return "Fill such cells: a target holds until the next one (pandas: ffill)"
-        optional = ", or delete the column" if _split(name)[1] in MAY_BE_EMPTY else ""
-        if empty <= _FEW * rows:
-            return f"Delete such rows{optional}"
-        return (
-            "Interpolate it over time where it is empty (pandas: "
-            f"frame.set_index('time')[{name!r}].interpolate('index').to_numpy()){optional}"
-        )
 
     def _check_time(self, time: Array) -> None:
         steps = np.diff(time)
@@ -528,3 +512,26 @@ def remarks(recording: Recording) -> Iterator[str]:
     for joint in recording.joints:
         if np.ptp(recording.columns[f"{joint}/position"]) == 0:
             yield f"joint {joint!r} never moves"
+
+
+def _filled(name: str, values: Array, bad: npt.NDArray[np.intp]) -> str:
+    """How to go on from cells without a number so that nothing is lost."""
+    if bad.size == values.size:
+        return "Log it, or delete the column"
+    if name == "time":
+        return "Delete such rows"
+    # What pandas fills is empty; what is infinite has to be made so first.
+    emptied, where = "", "where it is empty"
+    if np.isinf(values).any():
+        emptied = ".replace([float('inf'), -float('inf')], float('nan'))"
+        where = "where it is empty or infinite"
+    if _split(name)[1] in TARGETS:
+        how = f"frame[{name!r}]{emptied}.ffill()" if emptied else "ffill"
+        return f"Fill such cells: a target holds until the next one (pandas: {how})"
+    optional = ", or delete the column" if _split(name)[1] in MAY_BE_EMPTY else ""
+    if bad.size <= _FEW * values.size:
+        return f"Delete such rows{optional}"
+    return (
+        f"Interpolate it over time {where} (pandas: frame.set_index('time')[{name!r}]{emptied}"
+        f".interpolate('index').to_numpy()){optional}"
+    )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _SHARED = 0.2  # of the rows have the stamp of the row before
+_FEWEST = 2  # such rows; a single one, however short the log, may be there twice
 _ROUNDED = 1e-6  # of a step of the digits
 
 
@@ -24,7 +25,10 @@ def coarse_stamps(time: FloatArray) -> str:
         time: (T,) s, not decreasing where it was rounded.
     """
     steps = np.diff(time)
-    if not steps.size or (steps < 0).any() or np.mean(steps == 0) < _SHARED:
+    if not steps.size or (steps < 0).any():
+        return ""
+    shared = np.count_nonzero(steps == 0)
+    if shared < max(_FEWEST, _SHARED * steps.size):
         return ""
     different = np.unique(time)
     stamps = "one stamp" if different.size == 1 else f"{different.size} different stamps"

@@ -351,7 +351,7 @@ def test_groups_that_overlap_are_told_how_to_be_narrower(turned):
     )
     cfgs = (pitch, all_hips) if turned else (all_hips, pitch)
     message = refused(cfgs, g1())
-    assert "'left_hip_pitch_joint', 'right_hip_pitch_joint' is claimed by" in message
+    assert "'left_hip_pitch_joint', 'right_hip_pitch_joint' are claimed by" in message
     assert f"make the {'second' if turned else 'first'} narrower" in message
     advice = ast.literal_eval(message.rsplit("joint_names_expr=", 1)[1])
     mended = dataclasses.replace(all_hips, joint_names_expr=advice)

@@ -445,7 +445,7 @@ def test_velocity_and_effort_actuators(tmp_path):
 @pytest.mark.parametrize(
     ("cfgs", "text"),
     [
-        ((EXPLICIT, EXPLICIT), r"'fl_hip' is claimed by .* and by"),
+        ((EXPLICIT, EXPLICIT), r"'fl_hip', 'fr_hip' are claimed by .* and by"),
         (
             IdealPdActuatorCfg(joint_names_expr=("hop",), stiffness=1, damping=1),
             "'hop' matches none",

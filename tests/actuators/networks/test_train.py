@@ -144,7 +144,7 @@ class TestNetwork:
         ({"hidden": (8, 0)}, r"`hidden\[1\]` is 0"),
         ({"hidden": (8.0,)}, r"`hidden\[0\]` is 8\.0"),
         ({"hidden": 8}, "`hidden` is 8: use a tuple"),
-        ({"activation": "gelu"}, "did you mean 'elu'"),
+        ({"activation": "elo"}, "did you mean 'elu'"),
         ({"history_length": 0}, "`history_length` is 0"),
         ({"input_order": "vel"}, "`input_order` is 'vel'"),
         ({"max_epochs": 0}, "`max_epochs` is 0"),

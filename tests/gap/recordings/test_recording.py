@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pyarrow
 import pyarrow.parquet
 import pytest
@@ -511,8 +512,8 @@ def test_duplicate_columns_are_refused(tmp_path: Path) -> None:
         ("0,0,0\n\n0.02,0,0\n\n\n0.02,0,0", ("repeats", "row 3 (line 7)", "Sort the rows")),
         ("0,0,0\n,0,0", ("'time'", "1 of 2 rows", "row 2 (line 3)")),
         ("0,0,0\n0.01,0,", ("'knee/position'", "nan at row 2 (line 3)", "interpolate")),
-        ("0,0,0\n0.01,NaN,0", ("'knee/position_target'", "nan at row 2 (line 3)", "hold the last")),
-        ("0,0,0\n0.01,0,-inf", ("'knee/position'", "-inf at row 2 (line 3)", "Delete such rows")),
+        ("0,0,0\n0.01,inf,0", ("'knee/position_target'", "inf at row 2 (line 3)", "target holds")),
+        ("0,0,0\n0.01,0,-inf", ("'knee/position'", "-inf at row 2 (line 3)", "empty or infinite")),
         ("0,0,0\n0.01,0,1e999", ("'knee/position'", "inf at row 2 (line 3)")),
         (
             "0,,0\n0.01,,0",
@@ -536,11 +537,25 @@ def test_just_within_the_limits_loads(tmp_path: Path) -> None:
     assert Recording.load(write_csv(tmp_path / "log.csv", f"{HEADER}\n{rows}")).duration == 9.1
 
 
+@pytest.mark.parametrize("name", ["knee/position", "knee/position_target"])
+def test_the_remedy_for_infinite_cells_works(tmp_path: Path, name: str) -> None:
+    frame = pandas.DataFrame(columns())
+    frame.loc[2, name] = np.inf
+    frame.to_csv(path := tmp_path / "log.csv", index=False)
+    told = re.search(r"\(pandas: (frame.*\))\)", refused_file(path, f"'{name}'", "inf at row 3"))
+    assert told is not None
+    frame[name] = eval(told[1], {"frame": frame})
+    frame.to_csv(path, index=False)
+    expected = {"knee/position": 0.5, "knee/position_target": 1.0}[name]
+    assert Recording.load(path).columns[name][2] == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("suffix", FORMATS[1:])
 def test_rows_of_binary_files_have_no_line(tmp_path: Path, suffix: str) -> None:
     write = {".npz": write_npz, ".parquet": write_parquet}[suffix]
     position = np.array([0.0, 1.0, np.nan, 2.0, np.inf])
-    path = write(tmp_path / f"log{suffix}", columns(knee__position=position))
+    measured = columns(knee__position=position, knee__velocity=np.zeros(5))
+    path = write(tmp_path / f"log{suffix}", measured)
     message = refused_file(path, "'knee/position'", "2 of 5 rows", "nan at row 3")
     assert "line" not in message
 

@@ -179,10 +179,11 @@ def test_what_cannot_be_rehearsed_is_refused(arm: Path, tmp_path: Path) -> None:
             rehearse(arm, seconds=seconds)
     with pytest.raises(InputError, match="no such model file"):
         rehearse(tmp_path / "none.xml")
-    motor = tmp_path / "motor.xml"
-    motor.write_text(ARM.replace('position joint="elbow" kp="20" kv="0.5"', 'motor joint="elbow"'))
-    with pytest.raises(InputError, match="position servo"):
-        rehearse(motor)
+    muscle = tmp_path / "muscle.xml"
+    drive = 'muscle joint="elbow" lengthrange="-1 1"'
+    muscle.write_text(ARM.replace('position joint="elbow" kp="20" kv="0.5"', drive))
+    with pytest.raises(InputError, match="neither a plain servo nor a plain motor"):
+        rehearse(muscle)
 
 
 # The demonstration
