@@ -11,7 +11,7 @@ from walkerkit.gap.report.diagnosis import Considered, NamedEffect
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.replayed import Replayed, gaps_of, gaps_with
 from walkerkit.gap.search.certainty import covariance
-from walkerkit.gap.search.naming import Explanation, only_needed
+from walkerkit.gap.search.naming import Explanation, in_its_place, only_needed
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 from walkerkit.gap.simulation.robot import Robot
@@ -60,11 +60,23 @@ def named_effects(
 
 
 def confusion_set(problem: Problem, explanation: Explanation, most: int) -> list[Fit]:
-    """Fits of the explanation, and of so many that could be in its place; empty for none."""
+    """Fits of the explanation, and of so many that could be in its place; empty for none.
+
+    First come effects that these recordings happen not to tell apart. Where there are none, those
+    follow that no recording of these channels could: other channels, or a changed set-up, may.
+    What is in question is the last term of each fit.
+    """
     for one in explanation.named:
-        rivals = list({id(m): m for m in one.exchanges.values()}.values())
-        if rivals:
-            return [explanation.fit, *(only_needed(problem, rival) for rival in rivals[:most])]
+        rivals = {id(m): (name, m) for name, m in reversed(one.exchanges.items())}.values()
+        fits = [_last(only_needed(problem, m), name) for name, m in [*reversed(rivals)][:most]]
+        if fits:
+            return [_last(explanation.fit, one.term.effect.name), *fits]
+    for one in explanation.named:
+        names = [*one.equivalent][:most]
+        found = [in_its_place(problem, explanation, one.term, name) for name in names]
+        others = [fit for fit in found if fit is not None]
+        if others:
+            return [_last(explanation.fit, one.term.effect.name), *others]
     return []
 
 
@@ -83,6 +95,12 @@ def considered(explanation: Explanation) -> tuple[Considered, ...]:
         for (number, name), gain in gains.items()
         if name in CATALOGUE
     )
+
+
+def _last(fit: Fit, effect: str) -> Fit:
+    """A fit whose last terms are those of an effect, where it has any."""
+    terms = sorted(fit.structure.terms, key=lambda term: term.effect.name == effect)
+    return _some(fit, tuple(terms))
 
 
 def _some(final: Fit, terms: tuple[Term, ...]) -> Fit:

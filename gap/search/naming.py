@@ -29,7 +29,14 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.slopes import linearised, normal_equations
-from walkerkit.gap.search.structure import Fit, Structure, Term, carried, merged
+from walkerkit.gap.search.structure import (
+    Fit,
+    Structure,
+    Term,
+    candidate_terms,
+    carried,
+    merged,
+)
 from walkerkit.gap.search.unknown import unknown_weight
 from walkerkit.gap.simulation.mend import mend
 
@@ -225,6 +232,43 @@ def only_needed(problem: Problem, member: Member) -> Fit:
         if len(smaller.kept) == len(found.values):
             return found
         member = smaller
+
+
+def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: str) -> Fit | None:
+    """The explanation with another effect in place of one of its terms, and at its end.
+
+    Args:
+        problem: what was explained.
+        explanation: of it.
+        term: one of its terms.
+        name: the other effect's, in the catalogue.
+
+    Returns:
+        The best fit from any of the other's starts; None where it cannot act on these robots.
+    """
+    final = explanation.fit
+    found = candidate_terms([CATALOGUE[name]], problem.robots, problem.joints)
+    if not found:
+        return None
+    (other,) = found
+    sites = tuple(site for site in other.sites if site in term.sites)
+    if sites and not other.shared:
+        other = replace(other, sites=sites)
+    half = problem.whole if explanation.whole else problem.fit
+    half.refine(final)
+    structure = final.structure.without_term(term).with_term(other)
+    values, new = carried(final.values, final.structure, structure), structure.columns(other)
+    parameters = [structure.slots[k].parameter for k in new]
+    starts = []
+    for k in range(max((len(one.starts) for one in parameters), default=0)):
+        start = values.copy()
+        start[new] = [one.starts[min(k, len(one.starts) - 1)] for one in parameters]
+        starts.append((structure, start))
+    if not starts:
+        return None
+    fits = polished(half.objective, evaluate(half.objective, starts), iterations=_REFITS)
+    best = min(fits, key=lambda one: one.score)
+    return best if np.isfinite(best.score) else None
 
 
 def _of_kept(member: Member) -> Structure:

@@ -142,6 +142,7 @@ class TestPublished:
             "emps": 3,
             "double_pendulum": 6,
             "xl330": 5,
+            "go2_leg": 9,
         }
 
     def test_is_written_to_the_robots_that_are_judged(self, servo, monkeypatch):

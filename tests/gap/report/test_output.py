@@ -267,7 +267,7 @@ def test_the_next_experiment_can_be_played(delayed: Path) -> None:
 
 def test_actuators_json_has_what_mjcf_cannot_say(delayed: Path) -> None:
     content = json.loads((delayed / "actuators.json").read_text(encoding="utf-8"))
-    assert content["schema"] == 2
+    assert content["schema"] == 1
     diagnosis = json.loads((delayed / "diagnosis.json").read_text(encoding="utf-8"))
     assert [one["effect"] for one in content["effects"]] == [
         one["effect"] for one in diagnosis["effects"]
