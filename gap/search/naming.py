@@ -283,7 +283,6 @@ def _of_kept(member: Member) -> Structure:
 
 
 def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) -> Explanation:
-    robots = [mend(final.structure.trials(robot, final.values[None])) for robot in problem.robots]
     whole = _over_whole(problem, final)
     table = book.table
     named = [_named(problem, table, term, final) for term in final.structure.terms]
@@ -293,9 +292,17 @@ def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) ->
         table=table,
         gains=book.gains,
         searched=searched,
-        unknown=unknown_weight(problem, robots) if searched else None,
+        unknown=_unknown(problem, final) if searched else None,
         whole=whole is not None,
     )
+
+
+def _unknown(problem: Problem, final: Fit) -> float | None:
+    """The weight of an effort without a name beside a fit; 0 where that leaves nothing."""
+    if leaves_nothing(problem, final):
+        return 0.0
+    trials = [final.structure.trials(robot, final.values[None]) for robot in problem.robots]
+    return unknown_weight(problem, [mend(trial) for trial in trials])
 
 
 def _named(problem: Problem, table: Table, term: Term, final: Fit) -> Named:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, gammaln
 
-from walkerkit.gap.search.decision import PRICE_UNKNOWN, TAILS, TEMPERATURE
+from walkerkit.gap.search.decision import LEAST_GAIN, PRICE_UNKNOWN, TAILS, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.stopgap.residual import ResidualEffort, residual_effort
@@ -63,6 +63,8 @@ def _gains(missing: ResidualEffort, joint: int) -> FloatArray | None:
     target = missing.residual[:, joint]
     _, block = np.unique(missing.block, return_inverse=True)
     left = _across(_features(missing, joint), target, block)
+    if np.sum(left**2) > np.exp(-2 * LEAST_GAIN) * np.sum(target**2):
+        return np.zeros(block.max() + 1)  # less than is worth a name
     return _density(left, block) - _density(target, block)
 
 
