@@ -10,6 +10,7 @@ their own, counted), `walkers/rescale_test` and `walkers/scaled_actuators_test` 
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from importlib import resources
 from types import SimpleNamespace
 
@@ -53,6 +54,8 @@ from walkerkit.walkers.actions import JointPositionAction
 from walkerkit.walkers.reading import read_robot
 
 HOLD = JointPositionAction(joint_names_expr=(".*",), scale=0.3)
+# Their tasks' specs are of controls, and their tests draw actions from the whole of them.
+BOUNDED = replace(HOLD, clip=(-1.0, 1.0))
 GENTLE = IdealPdActuatorCfg(joint_names_expr=(".*",), stiffness=0.05, damping=1e-5)
 SIGHTED = os.environ.get("MUJOCO_GL") not in ("disable", "disabled", "off", "false", "0")
 
@@ -72,7 +75,7 @@ def refitted(cls):
     """dm_control's own walker, driven by actuators of ours."""
 
     def make(*args, **kwargs):
-        return seeing(with_actuators(cls(*args, **kwargs), GENTLE, action=HOLD))
+        return seeing(with_actuators(cls(*args, **kwargs), GENTLE, action=BOUNDED))
 
     return make
 
