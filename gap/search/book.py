@@ -146,7 +146,7 @@ def _estimated(problem: Problem, one: Fit, slopes: Slopes) -> bool:
     variance = np.diag(np.linalg.pinv(normal, rcond=1e-12, hermitian=True))
     std = structure.scale * np.sqrt(TEMPERATURE * np.maximum(variance, 0) / objective.samples)
     known = np.abs(one.values - structure.zero) >= KNOWN * std
-    stopped = at_bound(one)
+    stopped = at_bound(one) & (one.values != structure.zero)  # what is not there is at no bound
     for term in structure.terms:
         if term.effect.ordinary or not term.effect.fitted:
             continue
