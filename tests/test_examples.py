@@ -111,7 +111,6 @@ class TestRealLogs:
         capsys: pytest.CaptureFixture[str],
     ) -> None:
         example = _example(repository, "xl330", monkeypatch)
-        monkeypatch.setattr(example, "FITTED", ("lift_and_drop",))
         monkeypatch.setenv("WALKERKIT_DATA", str(real_logs))
         result = example.main(tmp_path, ["viscous_friction", "coulomb_friction"])
         size = result.diagnosis.gap.position
