@@ -24,7 +24,6 @@ from walkerkit.gap.recordings.manifest import Experiment
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.smooth import Smoothed
-from walkerkit.gap.recordings.split import held_out_names
 from walkerkit.gap.recordings.wiring import Kind, WiringError, exchanged, rewired
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.replay import Replay
@@ -116,19 +115,13 @@ def rewired_experiments(
         window: seconds after which replays restart, or None for whole rollouts.
         n_threads: threads of the simulation, 0 for all cores.
     """
-    apart = held_out_names(experiments)
-
-    def mended(robot: Robot, experiment: Experiment) -> Experiment:
-        # What is held out is looked at by itself, so that nothing of it reaches what is fitted.
-        found: dict[str, Recording] = {}
-        for held in (False, True):
-            some = [r for r in experiment.recordings if (r.name in apart) == held]
-            if some:
-                own = _Check(robot, some, window, n_threads).mended()
-                found.update(zip((r.name for r in some), own, strict=True))
-        return replace(experiment, recordings=tuple(found[r.name] for r in experiment.recordings))
-
-    return tuple(map(mended, robots, experiments))
+    return tuple(
+        replace(
+            experiment,
+            recordings=_Check(robot, experiment.recordings, window, n_threads).mended(),
+        )
+        for robot, experiment in zip(robots, experiments, strict=True)
+    )
 
 
 class _Check:

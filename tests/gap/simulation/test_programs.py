@@ -205,7 +205,7 @@ def test_a_replay_is_bit_for_bit_what_the_walker_did(kind: str, users: ModuleTyp
             state[:, first + at] = recording.columns[f"{name}/{signal}"][0]
     rollout, _ = replace(asked, state=state).done()
     n = len(recording.time)
-    assert np.ptp(recording.columns["elbow/position"]) > 0.1
+    assert np.ptp(recording.columns["elbow/position"]) > 0.05
     for name, joint in robot.joints.items():
         for sim in range(3):
             np.testing.assert_array_equal(
