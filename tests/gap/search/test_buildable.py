@@ -20,25 +20,29 @@ ARM = """
 """
 
 
-class Torn(ViscousFriction):
-    """Its numbers cannot be made."""
-
-    name = "torn"
-
-    def parameters(self, robot, site):
-        """Reads a table that has no such joint."""
-        return {}[site]
+def torn(self, robot, site):
+    """Numbers of a table that has no such joint."""
+    return {}[site]
 
 
-class Endless(ViscousFriction):
-    """What it writes is no number."""
+def odd_effects():
+    """One whose numbers cannot be made, and one that writes what is no number.
 
-    name = "endless"
+    Defined where they are used: an effect is in the catalogue once it is defined.
+    """
 
-    def apply(self, trials, site, values):
-        """Divides by what is zero."""
-        with np.errstate(divide="ignore"):
-            trials.field("dof_damping")[:, 0] += values[:, 0] / np.zeros(len(values))
+    class Torn(ViscousFriction):
+        name = "torn"
+        parameters = torn
+
+    class Endless(ViscousFriction):
+        name = "endless"
+
+        def apply(self, trials, site, values):
+            with np.errstate(divide="ignore"):
+                trials.field("dof_damping")[:, 0] += values[:, 0] / np.zeros(len(values))
+
+    return Torn(), Endless()
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +51,8 @@ def robots():
 
 
 def test_what_can_be_built_stays_and_what_cannot_is_told(robots):
-    effects = [CATALOGUE["armature"], Torn(), Endless(), CATALOGUE["coulomb_friction"]]
+    torn_one, endless = odd_effects()
+    effects = [CATALOGUE["armature"], torn_one, endless, CATALOGUE["coulomb_friction"]]
     found, notes = buildable(effects, robots, ["shaft"])
     assert [effect.name for effect in found] == ["armature", "coulomb_friction"]
     assert notes == (
@@ -68,7 +73,7 @@ def test_a_diagnosis_goes_on_without_what_cannot_be_built(tmp_path, monkeypatch)
     path = tmp_path / "arm.xml"
     path.write_text(ARM, encoding="utf-8")
     logs = rehearse(path, ["coulomb_friction"], seed=1, seconds=2).recordings
-    monkeypatch.setattr(ViscousFriction, "parameters", Torn.parameters)
+    monkeypatch.setattr(ViscousFriction, "parameters", torn)
     result = gap.diagnose(path, logs, effects=["viscous_friction", "coulomb_friction"])
     assert [named.effect for named in result.diagnosis.effects] == ["coulomb_friction"]
     assert result.diagnosis.notes[0] == (
