@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
+from walkerkit.gap.search.buildable import buildable
 from walkerkit.gap.search.fit import Progress, evaluate, polished
 from walkerkit.gap.search.naming import Explanation, leaves_nothing, name_effects
 from walkerkit.gap.search.objective import refine
@@ -133,7 +134,8 @@ def _flexible_scores(problems: Sequence[Problem], named: Fit) -> list[float]:
 def _beside_a_free_drive(problem: Problem, known: Structure, values: FloatArray) -> Fit:
     """What was known and a drive whose numbers are free, to be fitted."""
     present = {term.effect.name for term in known.terms}
-    effects = [CATALOGUE[name] for name in _FLEXIBLE if name not in present]
+    wanted = [CATALOGUE[name] for name in _FLEXIBLE if name not in present]
+    effects, _ = buildable(wanted, problem.robots, problem.joints)
     terms = problem.terms(effects)
     structure = Structure((*known.terms, *terms), problem.robots)
     return Fit(
