@@ -21,7 +21,7 @@ from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.compare import Member, Table
-from walkerkit.gap.search.decision import NUMERICAL_LEFT
+from walkerkit.gap.search.decision import LEAST_GAIN, NUMERICAL_LEFT
 from walkerkit.gap.search.fit import Progress, evaluate, polished
 from walkerkit.gap.search.ground import ground
 from walkerkit.gap.search.numerical import as_simulated_well
@@ -217,21 +217,31 @@ def _refitted(problem: Problem, source: Fit, structures: Sequence[Structure]) ->
 def only_needed(problem: Problem, member: Member) -> Fit:
     """A member of the table by itself, fitted without what it does not need.
 
-    What it needs is read off slopes. Fitted, it may turn out to need even less.
+    What it needs is read off slopes. Fitted, it may turn out to need even less, unless that leaves
+    larger gaps: slopes do not know where the numerical error ends.
     """
-    while True:
-        structure = _of_kept(member)
-        problem.refine(member.fit)
-        (found,) = _refitted(problem, member.fit, [structure])
-        problem.refine(found)
-        (found,) = _refitted(problem, found, [structure])
-        if not structure.terms:
-            return found
+    found = _fitted(problem, member)
+    while found.structure.terms:
         objective = problem.fit.objective
         smaller, *_ = members(objective, found, linearised(objective, found), problem.noise)
         if len(smaller.kept) == len(found.values):
-            return found
-        member = smaller
+            break
+        fewer = _fitted(problem, smaller)
+        if fewer.score > found.score + LEAST_GAIN:
+            problem.refine(found)
+            break
+        found = fewer
+    return found
+
+
+def _fitted(problem: Problem, member: Member) -> Fit:
+    """A member by itself, fitted in the light of its own numerical error."""
+    structure = _of_kept(member)
+    problem.refine(member.fit)
+    (found,) = _refitted(problem, member.fit, [structure])
+    problem.refine(found)
+    (found,) = _refitted(problem, found, [structure])
+    return found
 
 
 def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: str) -> Fit | None:

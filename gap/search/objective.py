@@ -36,6 +36,7 @@ _COARSE = 6  # times the floor; changes by more, of a finer timestep, a still fi
 _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _PASSES = 3  # of freeing a gap of errors of its starts, and finding what is left of it
+_SAMPLES_OF_PRIOR = 10  # for each that is independent
 _BLOCK = 0.5  # s; longer than the memory of a joint's error
 
 
@@ -348,10 +349,19 @@ class Objective:
         present = [np.isfinite(self.measured[span]).any(axis=0).sum() for span in spans]
         return max(1.0, float(np.dot(present, durations)) / ALIKE)
 
+    @property
+    def prior_samples(self) -> float:
+        """How many samples the priors of values are weighed against.
+
+        More than are independent of each other where an error lasts: a prior is to decide where the
+        recordings say nothing, and to draw nothing of what they know.
+        """
+        return _SAMPLES_OF_PRIOR * self.samples
+
     def penalty(self, structure: Structure, values: FloatArray) -> FloatArray:
         """(n, n_parameters) values → (n,) what their priors add to the score."""
         away = (values - structure.zero) / structure.prior
-        penalty: FloatArray = 0.5 * np.sum(away**2, axis=-1) / self.samples
+        penalty: FloatArray = 0.5 * np.sum(away**2, axis=-1) / self.prior_samples
         return penalty
 
     def weights(self, mean_square: FloatArray) -> FloatArray:

@@ -103,7 +103,7 @@ def _left_out(objective: Objective, one: Fit, slopes: Slopes, kept: NDArray[np.i
         return objective.block_squares(residual)
     weights = objective.weights(one.mean_square)
     ratio = (one.structure.scale / one.structure.prior)[kept]
-    prior = np.diag(ratio**2 / objective.samples)
+    prior = np.diag(ratio**2 / objective.prior_samples)
     block = objective.block
     edges = np.flatnonzero(np.diff(block, prepend=-1, append=block[-1] + 1))
     normal = np.empty((len(edges) - 1, len(kept), len(kept)))

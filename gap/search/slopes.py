@@ -194,8 +194,8 @@ def posterior_equations(
     scale = one.structure.scale / one.structure.prior
     away = (one.values - one.structure.zero) / one.structure.prior
     return (
-        normal + np.diag(scale**2 / objective.samples),
-        gradient + scale * away / objective.samples,
+        normal + np.diag(scale**2 / objective.prior_samples),
+        gradient + scale * away / objective.prior_samples,
     )
 
 
