@@ -295,6 +295,10 @@ class Objective:
     def take_out_numerical_error(self, residual: FloatArray) -> None:
         """Takes it out of (n, rows, n_scored) residuals as simulated."""
         self.numerical.free(residual)
+        self.take_out_factors(residual)
+
+    def take_out_factors(self, residual: FloatArray) -> None:
+        """The same of residuals that are freed of what starts can make."""
         if len(self.numerical.changes):
             self.numerical.take_out(residual, self._numerical_weights(residual))
 

@@ -59,13 +59,22 @@ class _Reduction:
             for place in term.places
         }
 
+        full = self._score([])
+        self._alone = {unit: self._score([unit]) - full for unit in self.units}
+
+    def _score(self, dropped: Sequence[Unit]) -> float:
+        """The score without some units, with the numerical error within its bounds."""
+        residual = self._slopes.far(self._objective, self._moved(dropped))
+        mean_square = self._objective.mean_square(residual[None])
+        return float(self._objective.score(mean_square)[0])
+
     def best(self, first: Sequence[Unit]) -> Member:
         """The most probable structure that lacks some units."""
         dropped = list(first)
         best = most = self._member(dropped)
         left = [unit for unit in self.units if unit not in dropped]
         while left:
-            cost = [self._cost([*dropped, unit]) for unit in left]
+            cost = [max(self._cost([*dropped, unit]), self._alone[unit]) for unit in left]
             # Of those that may as well go, the least usual goes first.
             may_go = [u for u, c in zip(left, cost, strict=True) if c <= min(cost) + self._alike]
             cheapest = max(may_go, key=self._rank)
@@ -108,7 +117,7 @@ class _Reduction:
         gone = self._columns(dropped)
         kept = np.setdiff1d(np.arange(len(self._away)), gone)
         moved = self._moved(dropped)
-        residual = self._slopes.residual + np.tensordot(moved, self._slopes.jacobian, 1)
+        residual = self._slopes.far(self._objective, moved)
         return Member(
             effects=_effects([self._fit.structure.slots[k] for k in kept]),
             scores=scored(

@@ -37,6 +37,7 @@ class Slopes:
         fresh: they are of this very fit.
         right: they said what the last step would change.
         sure: they are of this very fit, or said what the only step since then would change.
+        uncorrected: residual and jacobian with the numerical error in them, where they were kept.
     """
 
     structure: Structure
@@ -46,6 +47,26 @@ class Slopes:
     fresh: bool = True
     right: bool = False
     sure: bool = True
+    uncorrected: tuple[FloatArray, FloatArray] | None = None
+
+    def keep(self, objective: Objective) -> None:
+        """Keeps what they are with the numerical error in them, to be predicted far away."""
+        residual, jacobian = self.residual[None].copy(), self.jacobian.copy()
+        objective.numerical.free(residual)
+        objective.numerical.free(jacobian)
+        self.uncorrected = residual[0], jacobian
+
+    def far(self, objective: Objective, step: FloatArray) -> FloatArray:
+        """(rows, n_scored) the residual after a step, (n_parameters,) in scales, however long.
+
+        The numerical error is taken out of it within its bounds, which a long step may reach.
+        """
+        if self.uncorrected is None:
+            return self.residual + np.tensordot(step, self.jacobian, 1)
+        residual, jacobian = self.uncorrected
+        found = (residual + np.tensordot(step, jacobian, 1))[None]
+        objective.take_out_factors(found)
+        return found[0]
 
     def correct(self, objective: Objective) -> None:
         """Takes out the numerical error."""
@@ -85,8 +106,10 @@ class _Perturbed:
 
 
 def linearised(objective: Objective, one: Fit) -> Slopes:
-    """The slopes at a fit."""
-    (found,) = linearised_each([objective], [one])
+    """The slopes at a fit, and what they are with the numerical error in them."""
+    (found,) = linearised_each([objective], [one], correct=False)
+    found.keep(objective)
+    found.correct(objective)
     return found
 
 
