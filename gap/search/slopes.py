@@ -62,11 +62,12 @@ class Slopes:
         The numerical error is taken out of it within its bounds, which a long step may reach.
         """
         if self.uncorrected is None:
-            return self.residual + np.tensordot(step, self.jacobian, 1)
+            near: FloatArray = self.residual + np.tensordot(step, self.jacobian, 1)
+            return near
         residual, jacobian = self.uncorrected
-        found = (residual + np.tensordot(step, jacobian, 1))[None]
-        objective.take_out_factors(found)
-        return found[0]
+        far: FloatArray = residual + np.tensordot(step, jacobian, 1)
+        objective.take_out_factors(far[None])  # in place
+        return far
 
     def correct(self, objective: Objective) -> None:
         """Takes out the numerical error."""
