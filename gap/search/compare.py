@@ -110,8 +110,12 @@ class Table:
 
     @property
     def best(self) -> Member:
-        """The structure that is worth most."""
-        return self.members[int(np.argmax(self.worth))]
+        """The structure that is worth most; of those that hardly differ, the first.
+
+        Members of a fit come with what is most usual first.
+        """
+        near = self.worth >= self.worth.max() - 0.5 * PRICE_PLACE
+        return self.members[int(np.argmax(near))]
 
     def confidence(self, effects: Collection[str]) -> float:
         """The weight of all structures that have one of some effects."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.compare import Member, is_worth_a_name
-from walkerkit.gap.search.decision import TEMPERATURE
+from walkerkit.gap.search.decision import LEAST_GAIN, TEMPERATURE
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.score import scored
 from walkerkit.gap.search.slopes import Slopes, posterior_equations
@@ -60,7 +60,9 @@ class _Reduction:
         }
 
         full = self._score([])
-        self._alone = {unit: self._score([unit]) - full for unit in self.units}
+        # What slopes take for nothing, since they know no bounds of the numerical error.
+        alone = {unit: self._score([unit]) - full for unit in self.units}
+        self._alone = {unit: lost if lost > LEAST_GAIN else 0.0 for unit, lost in alone.items()}
 
     def _score(self, dropped: Sequence[Unit]) -> float:
         """The score without some units, with the numerical error within its bounds."""
