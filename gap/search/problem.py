@@ -125,11 +125,6 @@ class Problem:
 
         return replace(self.fit, objective=self._objective(told), make_finer=finer)
 
-    @cached_property
-    def told(self) -> Objective:
-        """The held-out recordings over the horizon that the gap is told of."""
-        return self._objective(self.held.told)
-
     def _objective(self, replays: Sequence[Replay]) -> Objective:
         known = self.fit.objective
         return Objective(
@@ -328,22 +323,6 @@ def build(
         window=window,
         n_threads=n_threads,
     )
-
-
-def refined_apart(
-    problems: Sequence[Problem], fits: Sequence[Fit]
-) -> list[tuple[Objective, Objective]]:
-    """What the problem of each fit fits and holds out, with the numerical error at that fit."""
-    halves = [(problem.fit, problem.held) for problem in problems]
-    own = [(fit.objective.apart(), held.objective.apart()) for fit, held in halves]
-    refine(
-        [
-            (objective, half.finer, one.case)
-            for one, objectives, both in zip(fits, own, halves, strict=True)
-            for objective, half in zip(objectives, both, strict=True)
-        ]
-    )
-    return own
 
 
 def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.Noise:
