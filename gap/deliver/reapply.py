@@ -163,7 +163,8 @@ def _value(
     if was is not None and was == now:
         return parameter.zero
     value = float(found["value"])
-    own = effect.fields[parameter.name].read(robot, site, robot)
+    field = effect.fields.get(parameter.name)
+    own = None if field is None else field.read(robot, site, robot)
     if own is not None and now is not None and own:
         there = 1 / own if inverse else own
         if math.isclose(there, now, rel_tol=_DIGITS):

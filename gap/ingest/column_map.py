@@ -50,6 +50,7 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
         **{"m/s": 1.0, "mm/s": 1e-3},
     },
     "effort": {"N·m": 1.0, "Nm": 1.0, "mN·m": 1e-3, "mNm": 1e-3, "N": 1.0, "kN": 1e3},
+    "voltage": {"V": 1.0, "mV": 1e-3},
 }
 """Kind of signal to its units, each with what it is in SI units."""
 

@@ -43,6 +43,7 @@ def estimates(
     for i in fit.structure.columns(term):
         slot = fit.structure.slots[i]
         known = sensitivity[i] > INSENSITIVE and not stopped[i]
+        field = slot.term.effect.fields.get(slot.parameter.name)
         choice = slot.parameter.choice  # is what it is, without an error
         estimate = Estimate(
             name=slot.parameter.name,
@@ -53,7 +54,7 @@ def estimates(
             at_bound=bool(stopped[i]) and not choice,
             lower=float(lower[i]),
             upper=float(upper[i]),
-            field=slot.term.effect.fields[slot.parameter.name].path,
+            field=field.path if field is not None else "",
             changes=tuple(_changes(slot, fit.structure.robots, mended)),
             correlation=tuple(map(float, correlation[i])),
         )
@@ -77,11 +78,13 @@ def _correlation(fit: Fit, variance: FloatArray) -> FloatArray:
 
 def _changes(slot: Slot, given: Sequence[Robot], mended: Sequence[Robot]) -> Iterator[Change]:
     """What each robot had and has at each site that a number is of."""
-    read = slot.term.effect.fields[slot.parameter.name].read
+    field = slot.term.effect.fields.get(slot.parameter.name)
+    if field is None:  # an effect of the user's that does not say where its numbers are
+        return
     sites = slot.term.sites if slot.place == EVERYWHERE else (slot.place,)
     for before, after in zip(given, mended, strict=len(mended) > 0):
         for site in sites:
-            was, now = (read(robot, site, before) for robot in (before, after))
+            was, now = (field.read(robot, site, before) for robot in (before, after))
             yield Change(model=before.stem, place=site, was=_number(was), now=_number(now))
 
 

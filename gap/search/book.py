@@ -7,7 +7,7 @@ book.best                # the member that the table prefers
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
 
+_MOST_IN_THE_RUNNING = 8
+_OUT_OF_THE_RUNNING = 10.0  # of a log weight, that slopes may be wrong by
 _OUT_OF_REACH = 3.0  # times T, of a log weight, that leave-one-out could hardly make up
 
 
@@ -94,6 +96,43 @@ class Book:
             self._members += found
             self._table = None
         return one
+
+    def fit_what_is_in_the_running(self, fitted: Callable[[Member], Fit]) -> None:
+        """Has the structures that may be the best fitted by themselves.
+
+        Until then they are read off slopes of fits with everything ordinary in them, which say
+        little of what is far away.
+
+        Args:
+            fitted: fits a member by itself.
+        """
+        done: dict[Hashable, None] = {}
+        while len(done) < _MOST_IN_THE_RUNNING:
+            table = self.table
+            least = table.worth.max() - _OUT_OF_THE_RUNNING
+            order = np.argsort(-table.worth, kind="stable")
+            tried = {member.rare for member in self._members if member.key in done}
+            running = [
+                table.members[k]
+                for k in order
+                if table.worth[k] >= least and table.members[k].key not in done
+            ]
+            # First one of each that has other rare effects, then others of these.
+            running = [m for m in running if m.rare not in tried] or [
+                m for m in running if m is table.best
+            ]
+            if not running:
+                break
+            member = running[0]
+            one = fitted(member)
+            done[member.key] = None
+            self._problem.fit.refine(one)
+            slopes = linearised(self._problem.fit.objective, one)
+            found = members(self._problem.fit.objective, one, slopes, self._problem.noise)
+            done[found[0].key] = None
+            better = {member.key, *(m.key for m in found)}
+            self._members = [m for m in self._members if m.key not in better] + found
+            self._table = None
 
     def is_enough(self, smaller: Fit, full: Fit) -> bool:
         """Whether what a fit has beside a smaller one is not worth a name."""

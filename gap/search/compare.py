@@ -27,6 +27,7 @@ from walkerkit.gap.search.decision import (
     LEAST_GAIN,
     PRICE_PLACE,
     PRICE_RARE,
+    TAILS,
     TEMPERATURE,
 )
 from walkerkit.gap.search.score import Scores
@@ -47,29 +48,51 @@ class Member:
         scores: how it predicts blocks that its fit has not seen.
         fit: the fit that it is of, with all ordinary effects.
         kept: indices of those values of the fit that it has.
+        values: (n_parameters,) those of the fit, when what it lacks is left out.
     """
 
     effects: Places
     scores: Scores
     fit: Fit
     kept: NDArray[np.intp]
+    values: FloatArray
 
     @property
+    def key(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """What it has, in one order."""
+        return tuple(sorted(self.effects.items()))
+
+    @property
+    def rare(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Of that what is rare."""
+        return tuple(one for one in self.key if not _ordinary(one[0]))
+
+    @cached_property
     def log_prior(self) -> float:
-        """Log prior odds: what is rare costs more than what every model has a little wrong."""
-        doubted = {t.effect.name for t in self.fit.structure.terms if t.doubted}
-        return sum(
+        """Log prior odds: of its kinds and places, and of how large its numbers are.
+
+        What is rare costs more than what every model has a little wrong, and a large number more
+        than a small one.
+        """
+        structure = self.fit.structure
+        doubted = {t.effect.name for t in structure.terms if t.doubted}
+        kinds = sum(
             log_prior(name, len(places))
             for name, places in self.effects.items()
             if name not in doubted
         )
+        sized = [k for k in self.kept if not structure.slots[k].parameter.choice]
+        away = ((self.values - structure.zero) / structure.prior)[sized]
+        return kinds - 0.5 * (TAILS + 1) * float(np.log1p(away**2 / TAILS).sum())
 
 
 def log_prior(effect: str, places: int) -> float:
     """Log prior odds of an effect at so many places."""
-    if effect in CATALOGUE and CATALOGUE[effect].ordinary:
-        return -PRICE_PLACE * places
-    return -PRICE_RARE - PRICE_PLACE * places
+    return -PRICE_PLACE * places - (0.0 if _ordinary(effect) else PRICE_RARE)
+
+
+def _ordinary(effect: str) -> bool:
+    return effect in CATALOGUE and CATALOGUE[effect].ordinary
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import INSENSITIVE, sensitivity
+from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Objective, consecutive, simulated_each
 from walkerkit.gap.search.slopes import (
@@ -269,8 +270,11 @@ def polished(
     *,
     iterations: int,
     certain: bool = True,
+    near_enough: bool = False,
     own: Sequence[Objective] | None = None,
     leader: float = np.inf,
+    progress: Progress | None = None,
+    stage: str = "fitting",
 ) -> list[Fit]:
     """What `polish` finds from several starts, from the journal where it has it.
 
@@ -279,9 +283,11 @@ def polished(
         starts: structures and values.
         near: slopes of a fit that has numbers in common with all of them, to begin with.
         iterations: the most steps.
-        certain: as there.
+        certain, near_enough: as there.
         own: for each start the objective that it is to be fitted to instead.
         leader: a score; those too far behind it to catch up at their pace go no further.
+        progress: called before each step.
+        stage: what it is told.
     """
     objectives = own or [objective] * len(starts)
 
@@ -290,7 +296,17 @@ def polished(
         if near is not None:
             slopes = list(near_slopes(objective, near, starts))
         runs = [
-            _polishing(its, start, at_start, iterations=iterations, certain=certain, leader=leader)
+            _polishing(
+                its,
+                start,
+                at_start,
+                iterations=iterations,
+                certain=certain,
+                near_enough=near_enough,
+                leader=leader,
+                progress=progress,
+                stage=stage,
+            )
             for its, start, at_start in zip(objectives, starts, slopes, strict=True)
         ]
         return [found for found, _ in _in_lock_step(objectives, runs)]
@@ -307,6 +323,53 @@ def polished(
         ]
 
     return _finished([(start.structure, start.values) for start in starts], make)
+
+
+def settled(
+    half: Half,
+    start: Fit,
+    *,
+    passes: int,
+    iterations: int = 20,
+    progress: Progress | None = None,
+    stage: str = "fitting",
+) -> Fit:
+    """A fit in the light of its own numerical error, which is found again after each pass.
+
+    A pass that only seemed better, by the error of where it began, is taken back.
+
+    Args:
+        half: the recordings.
+        start: structure and values; its score may be that on other recordings.
+        passes: of fitting, the most.
+        iterations: of each pass, the most.
+        progress: called before each step.
+        stage: what it is told.
+
+    Returns:
+        The best, at which the half is refined.
+    """
+
+    def by_own_error(one: Fit) -> Fit:
+        half.refine(one)
+        return evaluate(half.objective, [(one.structure, one.values)])[0]
+
+    best = by_own_error(start)
+    for _ in range(passes):
+        (found,) = polished(
+            half.objective,
+            [best],
+            iterations=iterations,
+            near_enough=True,
+            progress=progress,
+            stage=stage,
+        )
+        found = by_own_error(found)
+        if best.score <= found.score + _CONVERGED:
+            break
+        best = found
+    half.refine(best)
+    return best
 
 
 def _next_steps(

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from walkerkit.gap.effects import Effect
-from walkerkit.gap.search.fit import Progress, polish
+from walkerkit.gap.search.fit import Progress, settled
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, carried
 
@@ -50,10 +50,5 @@ def ground(
     )
     problem.searched.look_at(nothing.case)
     for half, passes in ((problem.screen, 1), (problem.race, 1), (problem.fit, _PASSES)):
-        for _ in range(passes):
-            half.refine(found)
-            found, _ = polish(
-                half.objective, found, near_enough=True, progress=progress, stage="ordinary effects"
-            )
-    problem.refine(found)
+        found = settled(half, found, passes=passes, progress=progress, stage="ordinary effects")
     return found

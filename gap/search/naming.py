@@ -22,7 +22,7 @@ from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import LEAST_GAIN, NUMERICAL_LEFT
-from walkerkit.gap.search.fit import Progress, evaluate, polished
+from walkerkit.gap.search.fit import Progress, evaluate, polished, settled
 from walkerkit.gap.search.ground import ground
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.problem import Problem
@@ -44,7 +44,7 @@ FloatArray = NDArray[np.float64]
 
 MOST_RARE = 4  # at once
 _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its place
-_REFITS = 8
+_REFITS, _PASSES = 8, 3
 _AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
 _AS_GOOD = 0.02  # of a score
 
@@ -123,6 +123,7 @@ def name_effects(
         if book.best.fit.structure.key == current.structure.key:
             break
         current = _grown(problem, book, rare, book.best.fit, progress)
+    book.fit_what_is_in_the_running(lambda member: only_needed(problem, member))
     return _explanation(problem, book, only_needed(problem, book.best), searched=True)
 
 
@@ -237,11 +238,9 @@ def only_needed(problem: Problem, member: Member) -> Fit:
 def _fitted(problem: Problem, member: Member) -> Fit:
     """A member by itself, fitted in the light of its own numerical error."""
     structure = _of_kept(member)
-    problem.refine(member.fit)
-    (found,) = _refitted(problem, member.fit, [structure])
-    problem.refine(found)
-    (found,) = _refitted(problem, found, [structure])
-    return found
+    values = carried(member.fit.values, member.fit.structure, structure)
+    start = replace(member.fit, structure=structure, values=values)
+    return settled(problem.fit, start, passes=_PASSES, iterations=_REFITS)
 
 
 def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: str) -> Fit | None:

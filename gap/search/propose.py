@@ -102,7 +102,10 @@ def proposals(
     problem.refine(current)
     if race is not problem.fit.objective:
         best = polished(problem.fit.objective, best, near, iterations=_REFITS, certain=False)
-    return sorted(best, key=lambda one: one.score)
+    first: dict[object, Fit] = {}
+    for one in sorted(best, key=lambda one: one.score):
+        first.setdefault(one.structure.key, one)
+    return [*first.values()]
 
 
 def _of(fits: Sequence[Fit], names: Collection[str]) -> list[Fit]:
@@ -151,7 +154,9 @@ def _chosen(
     started = evaluate(problem.screen.objective, [view.start([i]) for i in able])
     score = {i: one.score for i, one in zip(able, started, strict=True)}
     by_start = [i for i in sorted(able, key=score.__getitem__) if score[i] < view.score]
-    return [view.start([i]) for i in dict.fromkeys([*named, *by_promise, *by_start[:_BY_START]])]
+    kept = dict.fromkeys([*named, *by_promise, *by_start[:_BY_START]])
+    instead = (view.instead(i) for i in kept)
+    return [*(view.start([i]) for i in kept), *(one for one in instead if one is not None)]
 
 
 def _pairs(view: View) -> list[tuple[int, int]]:

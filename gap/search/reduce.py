@@ -132,6 +132,7 @@ class _Reduction:
             ),
             fit=self._fit,
             kept=kept,
+            values=self._fit.values + moved * self._fit.structure.scale,
         )
 
 

@@ -15,6 +15,7 @@ be kept is fitted.
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.slopes import Slopes, linearised
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, carried
 
 FloatArray = NDArray[np.float64]
@@ -36,6 +37,7 @@ _OF_THE_BEST = 0.5  # of its promise, which an effect has to reach to be looked 
 _MOST_HOPEFUL, _MOST_APART = 16, 6  # effects that are tried place by place; usually shared ones
 _MAGNITUDES = 2  # of an effect, that are tried at each place
 _MOST_ROWS = 192  # of tries at single places; beyond that one magnitude and fewer effects
+_ALIKE = 0.8  # the cosine between what two effects change, from which one can stand in
 _NEEDED = 0.02  # a place that promises less, summed over the channels, is left out
 
 
@@ -74,6 +76,7 @@ class View:
         nuisance: (k, rows, n_scored) changes that go with every effect, freely or by factors within
             the objective's bounds where they are numerical; those are the last.
         simulated: the effects at their magnitudes.
+        slopes: at the current fit.
 
     Attributes:
         candidates: an entry per effect, in the order given.
@@ -88,6 +91,7 @@ class View:
         residual: FloatArray,
         nuisance: FloatArray,
         simulated: Sequence[_Simulated],
+        slopes: Slopes,
     ):
         self._objective = objective
         self._current = current
@@ -101,6 +105,13 @@ class View:
         self._gram = np.zeros((len(objective.channels), 0, 0))
         self._count = 0
         self._append(nuisance)
+        self._places: dict[int, tuple[str, FloatArray]] = {}  # of columns of candidates, and values
+        away = (current.values - current.structure.zero) / current.structure.scale
+        self._ordinary = {
+            k: away[k] * slopes.jacobian[k]
+            for k, slot in enumerate(current.structure.slots)
+            if slot.term.effect.ordinary and away[k]
+        }
         self.candidates: list[Candidate] = []
         self.extend(simulated)
         self.channels = len(objective.channels)
@@ -128,6 +139,36 @@ class View:
             structure = extended
         return structure, np.clip(values, *structure.bounds)
 
+    def instead(self, member: int) -> tuple[Structure, FloatArray] | None:
+        """As `start` of one, in place of what of the ordinary changes the same of the residual.
+
+        From beside that, a fit would have to cross what neither explains.
+
+        Returns:
+            None where nothing ordinary does.
+        """
+        structure, values = self.start([member])
+        candidate, moved = self.candidates[member], False
+        root = np.sqrt(self._objective.weights(self._objective.mean_square(self._residual)))
+        for column in candidate.columns:
+            change = (self._columns[:, column].T * root).ravel()
+            place, at = self._places[column]
+            size = float(change @ change)
+            shares = {
+                k: share
+                for k, made in self._ordinary.items()
+                if abs(share := float((part := (made * root).ravel()) @ change) / size)
+                >= _ALIKE * np.linalg.norm(part) / math.sqrt(size)
+            }
+            k, share = max(shares.items(), key=lambda one: abs(one[1]), default=(-1, 0.0))
+            if not share:
+                continue
+            own = structure.columns(candidate.term, place)
+            values[own] = structure.zero[own] + share * (at - structure.zero[own])
+            values[k] = structure.zero[k]
+            moved = True
+        return (structure, np.clip(values, *structure.bounds)) if moved else None
+
     def _chosen(self, one: _Simulated) -> Candidate:
         """The magnitude at each place that goes best with the residual, of places that matter.
 
@@ -142,6 +183,7 @@ class View:
         }
         picked = [(place, k) for place, k in best.items() if explained[k] > 0]
         self._append(one.changes[[k for _, k in picked]])
+        self._places |= {offset + n: (place, one.values[k]) for n, (place, k) in enumerate(picked)}
         own = list(range(offset, offset + len(picked)))
         free = list(range(len(self._nuisance)))
         total = len(self._objective.channels)
@@ -295,7 +337,7 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     left = _without(follow, slopes.residual[None].astype(np.float32))[0]
     hopeful = _hopeful(objective, current, simulated, left, follow, terms, _MOST_HOPEFUL)
     found = _simulate(objective, current, simulated, hopeful)
-    view = View(objective, current, simulated, nuisance, found)
+    view = View(objective, current, simulated, nuisance, found, slopes)
     best = view.channels * (view.score - min(view.promise([i]) for i in range(len(terms))))
     least = max(_NEEDED, _OF_THE_BEST * best)
     apart = [
