@@ -106,33 +106,34 @@ class Book:
         Args:
             fitted: fits a member by itself.
         """
-        done: dict[Hashable, None] = {}
-        while len(done) < _MOST_IN_THE_RUNNING:
+        by_itself: set[Hashable] = set()
+        while True:
             table = self.table
             least = table.worth.max() - _OUT_OF_THE_RUNNING
-            order = np.argsort(-table.worth, kind="stable")
-            tried = {member.rare for member in self._members if member.key in done}
+            tried = {member.rare for member in table.members if member.key in by_itself}
+            # One of each that has other rare effects, and always the best.
             running = [
                 table.members[k]
-                for k in order
-                if table.worth[k] >= least and table.members[k].key not in done
+                for k in np.argsort(-table.worth, kind="stable")
+                if table.worth[k] >= least and table.members[k].rare not in tried
             ]
-            # First one of each that has other rare effects, then others of these.
-            running = [m for m in running if m.rare not in tried] or [
-                m for m in running if m is table.best
-            ]
-            if not running:
+            running = [m for m in (table.best, *running) if m.key not in by_itself]
+            enough = len(by_itself) >= _MOST_IN_THE_RUNNING
+            if not running or (enough and running[0] is not table.best):
                 break
-            member = running[0]
-            one = fitted(member)
-            done[member.key] = None
-            self._problem.fit.refine(one)
-            slopes = linearised(self._problem.fit.objective, one)
-            found = members(self._problem.fit.objective, one, slopes, self._problem.noise)
-            done[found[0].key] = None
-            better = {member.key, *(m.key for m in found)}
-            self._members = [m for m in self._members if m.key not in better] + found
-            self._table = None
+            by_itself |= {running[0].key, self._fit_by_itself(running[0], fitted).key}
+
+    def _fit_by_itself(self, member: Member, fitted: Callable[[Member], Fit]) -> Member:
+        """Puts a member as it is by itself in the place of the one that was read off slopes."""
+        objective = self._problem.fit.objective
+        one = fitted(member)
+        self._problem.fit.refine(one)
+        found = members(objective, one, linearised(objective, one), self._problem.noise)
+        better = {member.key, *(other.key for other in found)}
+        kept = [other for other in self._members if other.key not in better]
+        self._members = [*kept, *found]
+        self._table = None
+        return found[0]
 
     def is_enough(self, smaller: Fit, full: Fit) -> bool:
         """Whether what a fit has beside a smaller one is not worth a name."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.slopes import Slopes, linearised, linearised_each, normal_equations
+from walkerkit.gap.search.slopes import Slopes, linearised, normal_equations
 from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
@@ -14,9 +14,7 @@ FloatArray = NDArray[np.float64]
 INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
 _SECANT = 0.3  # of a number's scale, over which a slope has to hold for more than the next dent
 _ALIGNED = 0.25  # how much of the model's error looks like a change of one of its numbers
-_UNCORRECTED = 0.25  # of what half the timestep changes
 _AT_BOUND = 1e-6  # of the width between the bounds
-_OF_A_STEP = 0.25  # of the timestep, within which one integrator answers later than another
 
 
 def covariance(
@@ -29,12 +27,11 @@ def covariance(
     """Covariance of the values, and how much each matters.
 
     The errors of one joint stay alike for a while, so rows are not independent: the blocks of the
-    objective are (a cluster-robust sandwich, Liang and Zeger, Biometrika 73, 1986). What is left of
+    objective are (a cluster-robust sandwich, Liang and Zeger, Biometrika 73, 1986). How much of the
+    numerical error there is counts as unknown, as widely as its bounds are apart. What is left of
     a gap beyond the noise is no chance but the model's error, which pulls the values the same way
-    wherever it shows: it may lie along what a number changes, by a cosine of `_ALIGNED`. So may
-    what the timestep changes, which is taken out only as far as it is known: where a number and
-    the timestep change the same, too little or too much of it goes into the number. A jagged gap
-    is steeper from dent to dent than as a whole: of two slopes, over little and over more of a
+    wherever it shows: it may lie along what a number changes, by a cosine of `_ALIGNED`. A jagged
+    gap is steeper from dent to dent than as a whole: of two slopes, over little and over more of a
     number's scale, the one that tells less counts.
 
     Args:
@@ -42,8 +39,7 @@ def covariance(
         one: the fit.
         noise: (n_scored,) noise of the channels, to allow for the model's error; None for none.
         slopes: of the fit, where they are known.
-        part: of the recordings, on which it is seen how jagged the gap is and what the timestep
-            pulls; all by default.
+        part: of the recordings, on which it is seen how jagged the gap is; all by default.
 
     Returns:
         (n_parameters, n_parameters) covariance, and (n_parameters,) sensitivities: the squared
@@ -51,40 +47,20 @@ def covariance(
         scored channels. Below `INSENSITIVE` the recordings say nothing of it, and `fit` leaves it
         where it started.
     """
-    if slopes is None:
+    if slopes is None or slopes.uncorrected is None:
         slopes = linearised(objective, one)
     normal, _ = normal_equations(objective, one, slopes)
     found = _covariance(objective, one, slopes, noise)
     seen = objective if part is None else part
-    (own,) = linearised_each([seen], [one], correct=False)
-    pulled = _pulled(seen, one, own)
-    own.correct(seen)
+    own = linearised(seen, one)
     there = seen.at(one, own.residual)
-    (secants,) = linearised_each([seen], [there], part=_SECANT)
+    secants = linearised(seen, there, part=_SECANT)
     near, wide = (_covariance(seen, there, each, noise) for each in (own, secants))
     wider = _wider(np.diag(near), np.diag(wide))
-    found = found * np.outer(wider, wider) + _UNCORRECTED**2 * pulled.T @ pulled
+    found *= np.outer(wider, wider)
     # What a small move does not change, a larger one may.
     found += np.diag(np.where(np.diag(near) > 0, 0.0, np.diag(wide)))
     return found * np.outer(one.structure.scale, one.structure.scale), sensitivity(one, normal)
-
-
-def _pulled(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
-    """(k, n_parameters) by how much the numerical changes move the values, in their scales.
-
-    Args:
-        objective: the recordings.
-        one: the fit.
-        slopes: its slopes, with the numerical error in them.
-    """
-    there = objective.at(one, slopes.residual)
-    weighted = slopes.jacobian * objective.weights(there.mean_square)
-    normal, _ = normal_equations(objective, there, slopes)
-    inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
-    pulled: FloatArray = (
-        np.einsum("krc,irc->ki", objective.numerical.of_the_timestep, weighted) @ inverse
-    )
-    return pulled
 
 
 def _wider(near: FloatArray, wide: FloatArray) -> FloatArray:
@@ -98,19 +74,24 @@ def _covariance(
     objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray | None
 ) -> FloatArray:
     """(n_parameters, n_parameters) by some slopes, in the parameters' scales."""
-    weighted = slopes.jacobian * objective.weights(one.mean_square)
-    normal, _ = normal_equations(objective, one, slopes)
+    count, error = len(one.values), objective.numerical
+    moved = np.concatenate([slopes.as_simulated, error.changes])
+    weighted = moved * objective.weights(one.mean_square)
+    normal = np.einsum("irc,jrc->ij", weighted, moved, optimize=True)
+    # The factors of the numerical error are known to lie between their bounds.
+    known = np.zeros(len(moved))
+    known[count:] = 12 / (np.ptp(error.bounds, axis=1) ** 2 * objective.samples)
     pull = np.einsum("irc,rc->ir", weighted, slopes.residual)
     scores = np.stack([np.bincount(objective.block, weights=row) for row in pull])
     blocks = scores.shape[1]
-    inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
-    meat = scores @ scores.T * (blocks / max(1, blocks - len(one.values)))
-    found: FloatArray = inverse @ meat @ inverse
+    meat = scores @ scores.T * (blocks / max(1, blocks - count))
+    inverse = np.linalg.pinv(normal + np.diag(known), rcond=1e-12, hermitian=True)
+    found: FloatArray = inverse @ (meat + np.diag(known / objective.samples)) @ inverse
     if noise is not None:
         size = one.mean_square + objective.floor**2
         beyond = float(np.mean(np.maximum(one.mean_square - noise**2, 0.0) / size))
         found += _ALIGNED**2 * beyond * inverse
-    return found
+    return found[:count, :count]
 
 
 def sensitivity(one: Fit, normal: FloatArray) -> FloatArray:
@@ -126,25 +107,3 @@ def at_bound(one: Fit) -> NDArray[np.bool_]:
     nearest = np.minimum(one.values - lower, upper - one.values)
     at: NDArray[np.bool_] = nearest <= _AT_BOUND * (upper - lower)
     return at
-
-
-def certainty(
-    objective: Objective, one: Fit, noise: FloatArray, part: Objective | None = None
-) -> FloatArray:
-    """(n_parameters,) standard errors between each value and that which leaves the robot as it is.
-
-    Infinite for what is not felt at all, as where a gap has steps. A delay or a lag is known no
-    better than a part of the timestep, within which the simulation itself is late.
-    """
-    found, _ = covariance(objective, one, noise, part=part)
-    std = np.sqrt(np.maximum(np.diag(found), 0.0))
-    away = np.abs(one.values - one.structure.zero)
-    felt = std > 0
-    step = max(replay.robot.model.opt.timestep for replay in objective.replays)
-    late = [
-        slot.parameter.unit == "s" and slot.term.effect.part == "timing"
-        for slot in one.structure.slots
-    ]
-    error = np.where(late, np.hypot(std, _OF_A_STEP * step), std)
-    errors: FloatArray = np.where(felt, away / np.where(felt, error, 1.0), np.inf)
-    return np.where(away == 0, 0.0, errors)

@@ -145,6 +145,11 @@ class Table:
         has = [not member.effects.keys().isdisjoint(effects) for member in self.members]
         return float(min(1.0, self.weights[has].sum()))
 
+    def worth_without(self, effects: Collection[str]) -> float:
+        """The worth of the best structure that has none of some effects."""
+        lacks = [member.effects.keys().isdisjoint(effects) for member in self.members]
+        return float(self.worth[lacks].max(initial=-np.inf))
+
     def exchanges(self, effect: str) -> dict[str, Member]:
         """What could be in an effect's place.
 

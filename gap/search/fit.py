@@ -283,7 +283,8 @@ def polished(
         starts: structures and values.
         near: slopes of a fit that has numbers in common with all of them, to begin with.
         iterations: the most steps.
-        certain, near_enough: as there.
+        certain: as there.
+        near_enough: as there.
         own: for each start the objective that it is to be fitted to instead.
         leader: a score; those too far behind it to catch up at their pace go no further.
         progress: called before each step.

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
+from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.compare import Member, Table
-from walkerkit.gap.search.decision import LEAST_GAIN, NUMERICAL_LEFT
+from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN, NUMERICAL_LEFT
 from walkerkit.gap.search.fit import Progress, evaluate, polished, settled
 from walkerkit.gap.search.ground import ground
 from walkerkit.gap.search.numerical import as_simulated_well
@@ -124,7 +125,8 @@ def name_effects(
             break
         current = _grown(problem, book, rare, book.best.fit, progress)
     book.fit_what_is_in_the_running(lambda member: only_needed(problem, member))
-    return _explanation(problem, book, only_needed(problem, book.best), searched=True)
+    problem.refine(book.best.fit)
+    return _explanation(problem, book, book.best.fit, searched=True)
 
 
 def _grown(
@@ -216,30 +218,64 @@ def _refitted(problem: Problem, source: Fit, structures: Sequence[Structure]) ->
 
 
 def only_needed(problem: Problem, member: Member) -> Fit:
-    """A member of the table by itself, fitted without what it does not need.
+    """A member of the table by itself, fitted without what it does not need or cannot know.
 
     What it needs is read off slopes. Fitted, it may turn out to need even less, unless that leaves
-    larger gaps: slopes do not know where the numerical error ends.
+    larger gaps: slopes do not know where the numerical error ends. And what of it is not known to
+    be there, in the light of all that the model still lacks, is left out.
     """
     found = _fitted(problem, member)
     while found.structure.terms:
         objective = problem.fit.objective
         smaller, *_ = members(objective, found, linearised(objective, found), problem.noise)
-        if len(smaller.kept) == len(found.values):
+        if len(smaller.kept) < len(found.values):
+            fewer = _fitted(problem, smaller)
+            if fewer.score <= found.score + LEAST_GAIN:
+                found = fewer
+                continue
+            problem.fit.refine(found)
+        known = _known_to_be_there(problem, found)
+        if known.key == found.structure.key:
             break
-        fewer = _fitted(problem, smaller)
-        if fewer.score > found.score + LEAST_GAIN:
-            problem.refine(found)
-            break
-        found = fewer
+        found = _settled(problem, found, known)
     return found
+
+
+def _known_to_be_there(problem: Problem, one: Fit) -> Structure:
+    """A fit's structure without what is least known of each place, if it is not known at all."""
+    structure = one.structure
+    variance, _ = covariance(problem.fit.objective, one, problem.noise)
+    std = np.sqrt(np.maximum(np.diag(variance), 0.0))
+    errors = np.abs(one.values - structure.zero) / np.where(std > 0, std, np.inf)
+    least: dict[str, tuple[float, Term]] = {}
+    for term in structure.terms:
+        if not term.effect.fitted:
+            continue
+        apart = term.places if term.effect.ordinary and not term.shared else (None,)
+        for place in apart:
+            columns = structure.columns(term, place)
+            own = float(errors[columns].max())
+            where = place or " ".join(term.places)
+            if own < KNOWN and own < least.get(where, (np.inf, term))[0]:
+                least[where] = own, term
+    for where, (_, term) in least.items():
+        (now,) = [t for t in structure.terms if t.effect is term.effect]
+        left = tuple(site for site in now.sites if site != where) if len(now.sites) > 1 else ()
+        if term.shared or not term.effect.ordinary or not left:
+            structure = structure.without_term(now)
+        else:
+            structure = structure.replaced(now, replace(now, sites=left))
+    return structure
 
 
 def _fitted(problem: Problem, member: Member) -> Fit:
     """A member by itself, fitted in the light of its own numerical error."""
-    structure = _of_kept(member)
-    values = carried(member.fit.values, member.fit.structure, structure)
-    start = replace(member.fit, structure=structure, values=values)
+    return _settled(problem, member.fit, _of_kept(member))
+
+
+def _settled(problem: Problem, source: Fit, structure: Structure) -> Fit:
+    values = carried(source.values, source.structure, structure)
+    start = replace(source, structure=structure, values=values)
     return settled(problem.fit, start, passes=_PASSES, iterations=_REFITS)
 
 
@@ -297,13 +333,19 @@ def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) ->
     named = [_named(problem, table, term, final) for term in final.structure.terms]
     return Explanation(
         fit=final if whole is None else whole,
-        named=tuple(sorted(named, key=lambda one: -round(one.confidence, 2))),
+        named=tuple(sorted(named, key=lambda one: _rank(table, one))),
         table=table,
         gains=book.gains,
         searched=searched,
         unknown=_unknown(problem, final) if searched else None,
         whole=whole is not None,
     )
+
+
+def _rank(table: Table, one: Named) -> tuple[float, float]:
+    """The surest first; of those that are as sure, the one that matters most."""
+    without = table.worth_without({one.term.effect.name, *one.equivalent})
+    return -round(one.confidence, 2), without
 
 
 def _unknown(problem: Problem, final: Fit) -> float | None:

@@ -56,6 +56,11 @@ class Slopes:
         objective.numerical.free(jacobian)
         self.uncorrected = residual[0], jacobian
 
+    @property
+    def as_simulated(self) -> FloatArray:
+        """(n_parameters, rows, n_scored) per scale, with the numerical error in them."""
+        return self.jacobian if self.uncorrected is None else self.uncorrected[1]
+
     def far(self, objective: Objective, step: FloatArray) -> FloatArray:
         """(rows, n_scored) the residual after a step, (n_parameters,) in scales, however long.
 
@@ -106,9 +111,12 @@ class _Perturbed:
     moves: Moves
 
 
-def linearised(objective: Objective, one: Fit) -> Slopes:
-    """The slopes at a fit, and what they are with the numerical error in them."""
-    (found,) = linearised_each([objective], [one], correct=False)
+def linearised(objective: Objective, one: Fit, *, part: float = _PERTURBATION) -> Slopes:
+    """The slopes at a fit, and what they are with the numerical error in them.
+
+    Over a part of each number's scale.
+    """
+    (found,) = linearised_each([objective], [one], part=part, correct=False)
     found.keep(objective)
     found.correct(objective)
     return found
