@@ -12,17 +12,17 @@ from collections.abc import Callable, Hashable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.certainty import at_bound
+from walkerkit.gap.search.certainty import at_bound, covariance
 from walkerkit.gap.search.compare import Member, Table, is_worth_a_name
 from walkerkit.gap.search.decision import KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
-from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes, posterior_equations
+from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes
 from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
 
-_MOST_IN_THE_RUNNING = 8
+_MOST_IN_THE_RUNNING = 6
 _OUT_OF_THE_RUNNING = 10.0  # of a log weight, that slopes may be wrong by
 _OUT_OF_REACH = 3.0  # times T, of a log weight, that leave-one-out could hardly make up
 
@@ -86,13 +86,11 @@ class Book:
         one = objective.at(one, slopes.residual)
         if beside is None:
             self._known = one, slopes
-        if not _estimated(problem, one, slopes):
-            return one
         found = members(objective, one, slopes, problem.noise)
         if beside is None:
             self._left_out(found)
         free = beside is None or smaller or not self._members
-        if free or self._worth_a_name(found[0]):
+        if (free or self._worth_a_name(found[0])) and _estimated(problem, one, slopes):
             self._members += found
             self._table = None
         return one
@@ -180,21 +178,31 @@ class Book:
 
 
 def _estimated(problem: Problem, one: Fit, slopes: Slopes) -> bool:
-    """Whether of each rare effect some number is known, at some place, and none is at its bound."""
-    structure, objective = one.structure, problem.fit.objective
-    normal, _ = posterior_equations(objective, one, slopes)
-    variance = np.diag(np.linalg.pinv(normal, rcond=1e-12, hermitian=True))
-    std = structure.scale * np.sqrt(TEMPERATURE * np.maximum(variance, 0) / objective.samples)
-    known = np.abs(one.values - structure.zero) >= KNOWN * std
+    """Whether of each rare effect some number is known, and none is at its bound."""
+    structure = one.structure
+    rare = [t for t in structure.terms if t.effect.fitted and not t.effect.ordinary]
     stopped = at_bound(one) & (one.values != structure.zero)  # what is not there is at no bound
-    for term in structure.terms:
-        if term.effect.ordinary or not term.effect.fitted:
-            continue
-        columns = structure.columns(term)
-        fitted = [k for k in columns if not structure.slots[k].parameter.choice]
-        if not known[columns].any() or stopped[fitted].any():
-            return False
-    return True
+    choice = np.array([slot.parameter.choice for slot in structure.slots], dtype=bool)
+    columns = [structure.columns(term) for term in rare]
+    if any((stopped & ~choice)[own].any() for own in columns):
+        return False
+    errors = known_errors(problem, one, slopes) if rare else np.zeros(0)
+    return all(errors[own].max() >= KNOWN for own in columns)
+
+
+def known_errors(problem: Problem, one: Fit, slopes: Slopes) -> FloatArray:
+    """(n_parameters,) standard errors between each value and that which changes nothing.
+
+    In the light of all that the model still lacks.
+    """
+    problem.screen.refine(one)
+    variance, _ = covariance(
+        problem.fit.objective, one, problem.noise, slopes, problem.screen.objective
+    )
+    std = np.sqrt(np.maximum(np.diag(variance), 0.0))
+    away = np.abs(one.values - one.structure.zero)
+    errors: FloatArray = away / np.where(std > 0, std, np.inf)
+    return errors
 
 
 def _rare(one: Member) -> int:

@@ -88,9 +88,10 @@ def _covariance(
     inverse = np.linalg.pinv(normal + np.diag(known), rcond=1e-12, hermitian=True)
     found: FloatArray = inverse @ (meat + np.diag(known / objective.samples)) @ inverse
     if noise is not None:
-        size = one.mean_square + objective.floor**2
-        beyond = float(np.mean(np.maximum(one.mean_square - noise**2, 0.0) / size))
-        found += _ALIGNED**2 * beyond * inverse
+        # Channel by channel, since what one lacks says nothing of a number that moves another.
+        beyond = objective.count * np.maximum(one.mean_square - noise**2, 0.0)
+        along = np.einsum("irc,jrc,c->ij", weighted, weighted, beyond, optimize=True)
+        found += _ALIGNED**2 * inverse @ along @ inverse
     return found[:count, :count]
 
 

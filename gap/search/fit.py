@@ -361,6 +361,7 @@ def settled(
             half.objective,
             [best],
             iterations=iterations,
+            certain=False,
             near_enough=True,
             progress=progress,
             stage=stage,

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
-from walkerkit.gap.search.book import Book
-from walkerkit.gap.search.certainty import covariance
+from walkerkit.gap.search.book import Book, known_errors
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN, NUMERICAL_LEFT
 from walkerkit.gap.search.fit import Progress, evaluate, polished, settled
@@ -29,7 +28,7 @@ from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
 from walkerkit.gap.search.reduce import members
-from walkerkit.gap.search.slopes import linearised, normal_equations
+from walkerkit.gap.search.slopes import Slopes, linearised, normal_equations
 from walkerkit.gap.search.structure import (
     Fit,
     Structure,
@@ -45,7 +44,7 @@ FloatArray = NDArray[np.float64]
 
 MOST_RARE = 4  # at once
 _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its place
-_REFITS, _PASSES = 8, 3
+_REFITS, _PASSES = 8, 2
 _AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
 _AS_GOOD = 0.02  # of a score
 
@@ -224,58 +223,55 @@ def only_needed(problem: Problem, member: Member) -> Fit:
     larger gaps: slopes do not know where the numerical error ends. And what of it is not known to
     be there, in the light of all that the model still lacks, is left out.
     """
-    found = _fitted(problem, member)
+    objective = problem.fit.objective
+    found = _by_itself(problem, member)
     while found.structure.terms:
-        objective = problem.fit.objective
-        smaller, *_ = members(objective, found, linearised(objective, found), problem.noise)
-        if len(smaller.kept) < len(found.values):
-            fewer = _fitted(problem, smaller)
-            if fewer.score <= found.score + LEAST_GAIN:
-                found = fewer
-                continue
-            problem.fit.refine(found)
-        known = _known_to_be_there(problem, found)
-        if known.key == found.structure.key:
+        slopes = linearised(objective, found)
+        unknown, unfounded = _not_known(problem, found, slopes)
+        if unfounded is not None:
+            fewer = found.structure.without_term(unfounded)
+            found = _settled(problem, found, fewer, carried(found.values, found.structure, fewer))
+            continue
+        smaller, *_ = members(objective, found, slopes, problem.noise, without=unknown)
+        if len(smaller.kept) == len(found.values):
             break
-        found = _settled(problem, found, known)
+        fewer_needed = _by_itself(problem, smaller)
+        if not unknown and fewer_needed.score > found.score + LEAST_GAIN:
+            problem.fit.refine(found)
+            break
+        found = fewer_needed
     return found
 
 
-def _known_to_be_there(problem: Problem, one: Fit) -> Structure:
-    """A fit's structure without what is least known of each place, if it is not known at all."""
-    structure = one.structure
-    variance, _ = covariance(problem.fit.objective, one, problem.noise)
-    std = np.sqrt(np.maximum(np.diag(variance), 0.0))
-    errors = np.abs(one.values - structure.zero) / np.where(std > 0, std, np.inf)
-    least: dict[str, tuple[float, Term]] = {}
+def _not_known(
+    problem: Problem, one: Fit, slopes: Slopes
+) -> tuple[list[tuple[str, str]], Term | None]:
+    """What of a fit is not known to be there.
+
+    Returns:
+        Of the ordinary effects of each place the least known, if it is not known at all; and a rare
+        one that is not known anywhere.
+    """
+    structure, errors = one.structure, known_errors(problem, one, slopes)
+    least: dict[str, tuple[float, str]] = {}
     for term in structure.terms:
-        if not term.effect.fitted:
-            continue
-        apart = term.places if term.effect.ordinary and not term.shared else (None,)
-        for place in apart:
-            columns = structure.columns(term, place)
-            own = float(errors[columns].max())
-            where = place or " ".join(term.places)
-            if own < KNOWN and own < least.get(where, (np.inf, term))[0]:
-                least[where] = own, term
-    for where, (_, term) in least.items():
-        (now,) = [t for t in structure.terms if t.effect is term.effect]
-        left = tuple(site for site in now.sites if site != where) if len(now.sites) > 1 else ()
-        if term.shared or not term.effect.ordinary or not left:
-            structure = structure.without_term(now)
-        else:
-            structure = structure.replaced(now, replace(now, sites=left))
-    return structure
+        own = {place: float(errors[structure.columns(term, place)].max()) for place in term.places}
+        if term.effect.fitted and not term.effect.ordinary and max(own.values()) < KNOWN:
+            return [], term
+        for place, known in own.items() if term.effect.ordinary else ():
+            if known < KNOWN:
+                least[place] = min(least.get(place, (np.inf, "")), (known, term.effect.name))
+    return [(name, place) for place, (_, name) in least.items()], None
 
 
-def _fitted(problem: Problem, member: Member) -> Fit:
-    """A member by itself, fitted in the light of its own numerical error."""
-    return _settled(problem, member.fit, _of_kept(member))
+def _by_itself(problem: Problem, member: Member) -> Fit:
+    """A member fitted in the light of its own numerical error, from what slopes say of it."""
+    structure, whole = _of_kept(member), member.fit.structure
+    return _settled(problem, member.fit, structure, carried(member.values, whole, structure))
 
 
-def _settled(problem: Problem, source: Fit, structure: Structure) -> Fit:
-    values = carried(source.values, source.structure, structure)
-    start = replace(source, structure=structure, values=values)
+def _settled(problem: Problem, source: Fit, structure: Structure, values: FloatArray) -> Fit:
+    start = replace(source, structure=structure, values=np.clip(values, *structure.bounds))
     return settled(problem.fit, start, passes=_PASSES, iterations=_REFITS)
 
 

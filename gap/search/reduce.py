@@ -30,14 +30,29 @@ _ORDER = tuple(CATALOGUE)  # the most usual first
 Unit = tuple[str, str]  # an ordinary effect and one of its places
 
 
-def members(objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray) -> list[Member]:
-    """The most probable structure within a fit, and those without each of its ordinary effects."""
+def members(
+    objective: Objective,
+    one: Fit,
+    slopes: Slopes,
+    noise: FloatArray,
+    *,
+    without: Sequence[Unit] = (),
+) -> list[Member]:
+    """The most probable structure within a fit, and those without each of its ordinary effects.
+
+    Args:
+        objective: the recordings.
+        one: the fit, to them.
+        slopes: its slopes there.
+        noise: (n_scored,) of the measurement.
+        without: what none of them has.
+    """
     reduction = _Reduction(objective, one, slopes, noise)
-    best = reduction.best(())
+    best = reduction.best(without)
     found = [best]
     for name in best.effects:
-        units = [unit for unit in reduction.units if unit[0] == name]
-        if units:
+        units = [unit for unit in reduction.units if unit[0] == name or unit in without]
+        if any(unit not in without for unit in units):
             found.append(reduction.best(units))
     return found
 
