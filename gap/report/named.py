@@ -11,6 +11,7 @@ from walkerkit.gap.report.diagnosis import Considered, NamedEffect
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.replayed import Replayed, gaps_of, gaps_with
 from walkerkit.gap.search.certainty import covariance
+from walkerkit.gap.search.compare import Member
 from walkerkit.gap.search.naming import Explanation, in_its_place, only_needed
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
@@ -68,7 +69,7 @@ def confusion_set(problem: Problem, explanation: Explanation, most: int) -> list
     """
     for one in explanation.named:
         rivals = {id(m): (name, m) for name, m in reversed(one.exchanges.items())}.values()
-        fits = [_last(only_needed(problem, m), name) for name, m in [*reversed(rivals)][:most]]
+        fits = [_last(_by_itself(problem, m), name) for name, m in [*reversed(rivals)][:most]]
         if fits:
             return [_last(explanation.fit, one.term.effect.name), *fits]
     for one in explanation.named:
@@ -78,6 +79,12 @@ def confusion_set(problem: Problem, explanation: Explanation, most: int) -> list
         if others:
             return [_last(explanation.fit, one.term.effect.name), *others]
     return []
+
+
+def _by_itself(problem: Problem, member: Member) -> Fit:
+    """A member's fit, if it has nothing else."""
+    alone = len(member.kept) == len(member.fit.values)
+    return member.fit if alone else only_needed(problem, member)
 
 
 def considered(explanation: Explanation) -> tuple[Considered, ...]:

@@ -22,8 +22,8 @@ from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
 
-_MOST_IN_THE_RUNNING = 6
-_OUT_OF_THE_RUNNING = 10.0  # of a log weight, that slopes may be wrong by
+_MOST_IN_THE_RUNNING = 4
+_OUT_OF_THE_RUNNING = 6.0  # of a log weight, that slopes may be wrong by
 _OUT_OF_REACH = 3.0  # times T, of a log weight, that leave-one-out could hardly make up
 
 
@@ -140,6 +140,10 @@ class Book:
         if before is None or after is None:
             return after is None and before is not None
         return not is_worth_a_name(before, after, self._joints)
+
+    def has_tried(self, effect: str) -> bool:
+        """Whether a rare effect was fitted beside others."""
+        return any(name == effect for _, name in self.gains)
 
     def slopes(self, one: Fit) -> Slopes:
         """Those at a fit, of which the latest are kept."""

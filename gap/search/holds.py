@@ -73,9 +73,7 @@ def name_with_best_hold(
         named = {one.term.effect.name for one in found.named}
         # Of the next row and late by as much is held, which the first search did not get right.
         undone = other.hold == "next" and not named.isdisjoint(_LATE)
-        better = _score(other, found) < score - _MARGIN
-        # A timestep's own error, as it is taken out, may favour either.
-        if better and not undone and _as_it_is(other, found) < _as_it_is(problem, explanation):
+        if _score(other, found) < score - _MARGIN and not undone:
             return other, found
     return problem, explanation
 
@@ -92,13 +90,6 @@ def _score(problem: Problem, explanation: Explanation) -> float:
     problem.refine(explanation.fit)
     one = explanation.fit
     return evaluate(problem.fit.objective, [(one.structure, one.values)])[0].score
-
-
-def _as_it_is(problem: Problem, explanation: Explanation) -> float:
-    """How well what was named explains the recordings as the gap is told, by the model's steps."""
-    objective = problem.whole.objective
-    (mean_square,) = objective.as_it_is([explanation.fit.case])[0]
-    return float(objective.score(mean_square))
 
 
 def _flexible_scores(problems: Sequence[Problem], named: Fit) -> list[float]:

@@ -150,7 +150,11 @@ def _exchange(
         others = _without(problem, current, [term])
         others = book.add(others)
         always = [e.name for e in rare if e.name in term.effect.extends]
-        rivals = [effect for effect in rare if effect is not term.effect]
+        rivals = [
+            effect
+            for effect in rare
+            if effect is not term.effect and (effect.name in always or book.has_tried(effect.name))
+        ]
         near = book.slopes(others)
         for one in proposals(problem, others, near, rivals, progress, pairs=False, always=always):
             book.add(one, beside=others)

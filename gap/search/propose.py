@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 _BY_PROMISE, _BY_START, _PAIRS = 8, 4, 3  # that are raced
 _FEWEST = 3  # by promise, however little that is
 _WARM, _RACED = 2, 5  # steps of a fit to little of the recordings, after which so many go on
-_REFITS = 2
+_FITTED, _REFITS = 3, 2  # of those that are fitted to all, and steps of that
 _OF_THE_LEAST = 0.7  # of the smallest gain worth a name, which more recordings may make up
 _MORE_THAN_ONE = 0.2  # by which two together promise more than any one, summed over the channels
 _HOPE = 0.5  # of the smallest gain worth a name, which a promise may fall short of
@@ -101,6 +101,7 @@ def proposals(
     best = [one for one in best if np.isfinite(one.score)]
     problem.refine(current)
     if race is not problem.fit.objective:
+        best = best[: max(_FITTED, len(_of(best, always)))]
         best = polished(problem.fit.objective, best, near, iterations=_REFITS, certain=False)
     first: dict[object, Fit] = {}
     for one in sorted(best, key=lambda one: one.score):
