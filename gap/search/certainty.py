@@ -78,9 +78,17 @@ def _covariance(
     moved = np.concatenate([slopes.as_simulated, error.changes])
     weighted = moved * objective.weights(one.mean_square)
     normal = np.einsum("irc,jrc->ij", weighted, moved, optimize=True)
-    # The factors of the numerical error are known to lie between their bounds.
-    known = np.zeros(len(moved))
-    known[count:] = 12 / (np.ptp(error.bounds, axis=1) ** 2 * objective.samples)
+    # What is known without the recordings: how large numbers are, and that the factors of the
+    # numerical error lie between their bounds.
+    known = (
+        np.concatenate(
+            [
+                (one.structure.scale / one.structure.prior) ** 2,
+                12 / np.ptp(error.bounds, axis=1) ** 2,
+            ]
+        )
+        / objective.samples
+    )
     pull = np.einsum("irc,rc->ir", weighted, slopes.residual)
     scores = np.stack([np.bincount(objective.block, weights=row) for row in pull])
     blocks = scores.shape[1]

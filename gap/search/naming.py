@@ -44,7 +44,7 @@ FloatArray = NDArray[np.float64]
 
 MOST_RARE = 4  # at once
 _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its place
-_REFITS, _PASSES = 8, 2
+_REFITS, _PASSES = 8, 3
 _AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
 _AS_GOOD = 0.02  # of a score
 

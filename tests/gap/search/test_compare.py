@@ -47,7 +47,7 @@ def scores(*sizes: float, wild: float = 0.0) -> Scores:
 
 def member(problem: Problem, effects: dict[str, tuple[str, ...]], of: Scores) -> Member:
     nothing = Fit(structure=problem.nothing, values=np.zeros(0), score=0.0, mean_square=np.zeros(1))
-    return Member(effects=effects, scores=of, fit=nothing, kept=np.arange(0))
+    return Member(effects=effects, scores=of, fit=nothing, kept=np.arange(0), values=np.zeros(0))
 
 
 def test_a_block_is_scored_by_a_student_t() -> None:
