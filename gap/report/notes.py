@@ -46,6 +46,7 @@ def notes(
     verdict: Verdict,
     *,
     scales: Mapping[str, float],
+    offsets: Mapping[str, float],
     searched: bool,
     only: Sequence[str] | None,
 ) -> Iterator[str]:
@@ -57,6 +58,7 @@ def notes(
         effects: what was named.
         verdict: the verdict.
         scales: joint to logged over simulated effort, where that is all that is wrong with it.
+        offsets: joint to logged less simulated position, where that is all that is wrong with it.
         searched: whether effects were looked for.
         only: their names, where it was not the whole catalogue.
     """
@@ -92,6 +94,12 @@ def notes(
         yield (
             f"The logged effort is what the simulation makes of the same motion, {listed}: its "
             "unit or its torque constant may be another's. Divide the columns, and diagnose again."
+        )
+    for joint, offset in offsets.items():
+        yield (
+            f"{joint}/position is {quantity(abs(offset), gap.joints[joint].unit)} "
+            f"{'more' if offset > 0 else 'less'} than the simulation's in every motion, and hardly "
+            "anything else is wrong with it: see whether the log and the drive have the same zero."
         )
     if verdict == "unexplained":
         yield (
@@ -348,11 +356,6 @@ def _of_effect(named: NamedEffect) -> Iterator[str]:
                 f"{named.effect}: {estimate.name}{place} ran into its bound "
                 f"{value} and is no estimate."
             )
-            if (named.effect, estimate.name) == ("kinematic_error", "periods"):
-                yield (
-                    f"kinematic_error{place} of so long a wave is all but an offset of the log: "
-                    "see whether the log and the drive have the same zero."
-                )
         elif estimate.std is None:
             yield (
                 f"{named.effect}: the recordings say nothing of {estimate.name}{place}; its value "

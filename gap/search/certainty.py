@@ -14,6 +14,7 @@ FloatArray = NDArray[np.float64]
 INSENSITIVE = 1e-3  # a sensitivity: no gap changes by more than three per cent
 _SECANT = 0.3  # of a number's scale, over which a slope has to hold for more than the next dent
 _ALIGNED = 0.25  # how much of the model's error looks like a change of one of its numbers
+_OF_A_STEP = 0.25  # of the timestep, within which one integrator answers later than another
 _AT_BOUND = 1e-6  # of the width between the bounds
 
 
@@ -32,7 +33,8 @@ def covariance(
     a gap beyond the noise is no chance but the model's error, which pulls the values the same way
     wherever it shows: it may lie along what a number changes, by a cosine of `_ALIGNED`. A jagged
     gap is steeper from dent to dent than as a whole: of two slopes, over little and over more of a
-    number's scale, the one that tells less counts.
+    number's scale, the one that tells less counts. A delay or a lag is known no better than a part
+    of the timestep.
 
     Args:
         objective: the recordings that were fitted.
@@ -60,7 +62,17 @@ def covariance(
     found *= np.outer(wider, wider)
     # What a small move does not change, a larger one may.
     found += np.diag(np.where(np.diag(near) > 0, 0.0, np.diag(wide)))
-    return found * np.outer(one.structure.scale, one.structure.scale), sensitivity(one, normal)
+    found *= np.outer(one.structure.scale, one.structure.scale)
+    found += np.diag(_late(objective, one) ** 2)
+    return found, sensitivity(one, normal)
+
+
+def _late(objective: Objective, one: Fit) -> FloatArray:
+    """(n_parameters,) how well a delay or a lag can be known: the simulation itself is late."""
+    step = max(replay.robot.model.opt.timestep for replay in objective.replays)
+    slots = one.structure.slots
+    timing = [s.parameter.unit == "s" and s.term.effect.part == "timing" for s in slots]
+    return np.where(timing, _OF_A_STEP * step, 0.0)
 
 
 def _wider(near: FloatArray, wide: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-TEMPERATURE: Final = 2.0
+TEMPERATURE: Final = 4.0
 """Differences of elpd are divided by it: blocks are not as independent, and models not as right, as
 the densities say. Set on the ground of four real logs; not yet fitted on planted errors."""
 

@@ -730,16 +730,20 @@ def test_a_log_that_shows_what_was_commanded_before_has_no_gap(servo: Path) -> N
     assert any("move the targets up by a row" in note for note in found.notes), found.notes
 
 
-def test_a_wave_too_long_to_be_one_is_told_as_an_offset_of_the_log(
+def test_an_offset_of_the_log_alone_is_told(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:
+    """A wave that is too long to be one would follow it as well, and is no explanation."""
     shifted = [
         replace(one, columns={**one.columns, "knee/position": one.columns["knee/position"] + 0.03})
         for one in logs()
     ]
     found = diagnose(servo, shifted, effects=["kinematic_error", "encoder_offset", "torque_bias"])
-    assert [named.effect for named in found.effects] == ["kinematic_error"]
-    assert any("all but an offset of the log" in note for note in found.notes)
+    assert (found.verdict, found.effects) == ("unexplained", ())
+    (note,) = [one for one in found.notes if "have the same zero" in one]
+    assert note.startswith("knee/position is 30 mrad more than the simulation's in every motion")
+    whole = diagnose(servo, logs(), effects=["encoder_offset"])
+    assert not any("have the same zero" in one for one in whole.notes)
 
 
 def test_compare_measures_the_gap_that_diagnose_starts_from(

@@ -1,6 +1,7 @@
-"""A log of effort in another unit, or by another torque constant than the model's.
+"""A log with a constant of its own: effort in another unit, positions from another zero.
 
-    effort_scales(after.values())        # {"knee": 1.25}: the log has 1.25 times what is simulated
+    effort_scales(after.values(), gap)     # {"knee": 1.25}: the log has 1.25 times what is simulated
+    position_offsets(after.values(), gap)  # {"knee": 0.03}: the log has 0.03 rad more
 
 Motion says what effort there was. Where the simulation moves as the robot does, and what it makes
 is the logged effort but for one factor, neither robot nor model has anything to do with that.
@@ -54,4 +55,29 @@ def effort_scales(halves: Iterable[Replayed], gap: Gap) -> dict[str, float]:
             and left < min(_LEFT**2 * gap_as_logged, _PART**2 * logged)
         ):
             found[joint] = float(scale)
+    return found
+
+
+def position_offsets(halves: Iterable[Replayed], gap: Gap) -> dict[str, float]:
+    """By how much logged positions are more than simulated ones, of joints where that is all.
+
+    Args:
+        halves: the recordings, replayed as far as they are explained.
+        gap: what is left of them.
+
+    Returns:
+        Joint to offset, in its unit; without those whose positions are explained.
+    """
+    wrong: dict[str, list[np.ndarray]] = {}
+    for half in halves:
+        for replay, predicted in zip(half.replays, half.predicted, strict=True):
+            for c, channel in enumerate(replay.channels):
+                if channel.signal == "position" and channel.joint in gap.joints:
+                    error = replay.measured[:, c] - predicted[:, c]
+                    wrong.setdefault(channel.joint, []).append(error[np.isfinite(error)])
+    found = {}
+    for joint, errors in wrong.items():
+        error = np.concatenate(errors)
+        if not gap.joints[joint].at_floor and error.std() < _LEFT * np.sqrt(np.mean(error**2)):
+            found[joint] = float(error.mean())
     return found
