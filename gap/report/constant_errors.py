@@ -1,7 +1,7 @@
 """A log with a constant of its own: effort in another unit, positions from another zero.
 
-    effort_scales(after.values(), gap)     # {"knee": 1.25}: the log has 1.25 times what is simulated
-    position_offsets(after.values(), gap)  # {"knee": 0.03}: the log has 0.03 rad more
+    effort_scales(after.values(), gap)     # {"knee": 1.25}: logged over simulated
+    position_offsets(after.values(), gap)  # {"knee": 0.03}: logged less simulated, rad
 
 Motion says what effort there was. Where the simulation moves as the robot does, and what it makes
 is the logged effort but for one factor, neither robot nor model has anything to do with that.

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.wiring import named_errors
-from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect, Verdict
 from walkerkit.gap.report.constant_errors import effort_scales, position_offsets
+from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect, Verdict
 from walkerkit.gap.report.experiments import next_experiments
 from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import standing_out

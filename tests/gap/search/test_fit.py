@@ -16,7 +16,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
 from walkerkit.gap.search import objective as objectives
 from walkerkit.gap.search import slopes as slopes_module
-from walkerkit.gap.search.certainty import INSENSITIVE, at_bound, covariance
+from walkerkit.gap.search.certainty import INSENSITIVE, covariance
 from walkerkit.gap.search.fit import evaluate, fit, polish, polished
 from walkerkit.gap.search.numerical_error import NumericalError
 from walkerkit.gap.search.objective import Objective
@@ -678,6 +678,9 @@ class TestFit:
         assert found.values[1] == pytest.approx(0.0, abs=2e-3)
 
 
+READ = "hip/position"
+
+
 class TestCovariance:
     @pytest.mark.parametrize("memory", [0.0, 0.97], ids=["white", "coloured"])
     def test_is_the_spread_of_estimates_over_noise(self, memory):
@@ -707,11 +710,6 @@ class TestCovariance:
         assert stiffness > 1
         assert springref == 0.0
 
-
-READ = "hip/position"
-
-
-class TestCovariance:
     def test_what_nothing_parts_is_known_as_well_as_before_the_log(self):
         """A spring's rest and a constant torque are one number of its effort."""
         robot = pendulum()
