@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
@@ -21,6 +23,7 @@ from walkerkit.gap.ingest.commands import app as ingest_commands
 from walkerkit.gap.own_robot.commands import app as own_robot_commands
 
 if TYPE_CHECKING:
+    from walkerkit.gap.search.effort import Effort
     from walkerkit.gap.search.fit import Progress
 
 # dm_control looks for a display when it is imported, unless it is told that none is wanted.
@@ -77,6 +80,13 @@ Doubt = Annotated[
         metavar="EFFECT[:PLACE]",
         help="An effect or a number of whose size nothing is known: naming it costs nothing. May "
         "be given several times.",
+    ),
+]
+EffortLevel = Annotated[
+    str,
+    typer.Option(
+        metavar="quick|normal|thorough",
+        help="How much is tried. Ctrl-C ends a search with what it has found.",
     ),
 ]
 Explain = Annotated[
@@ -212,6 +222,7 @@ def diagnose(
     effect: Effects = None,
     known: Known = None,
     doubt: Doubt = None,
+    effort: EffortLevel = "normal",
     traces: Traces = None,
     threads: Threads = 0,
     overwrite: Overwrite = False,
@@ -227,11 +238,13 @@ def diagnose(
     from walkerkit.gap import workflow
     from walkerkit.gap.deliver.traces import check_traces, write_traces
     from walkerkit.gap.report.output import check_folder
+    from walkerkit.gap.search.effort import Effort
 
     check_folder(out)
     for path in traces or ():
         check_traces(path)
-    with _progress() as progress:
+    spending = Effort(effort)  # type: ignore[arg-type]
+    with _bar() as bar, _stopped_by_hand(spending, bar):
         result = workflow.diagnose(
             model,
             recordings or (),
@@ -242,10 +255,12 @@ def diagnose(
             effects=effect,
             known=known or (),
             doubt=doubt or (),
+            effort=spending,
             n_threads=threads,
             allow_code=allow_code,
             allow_outside=allow_outside,
-            progress=progress,
+            progress=_stages(bar),
+            first=lambda answer: _say(bar, answer.sentence),
             out=out,
             overwrite=overwrite,
         )
@@ -553,7 +568,7 @@ def _console(file: TextIO | None = None) -> Any:
 
 @contextmanager
 def _bar() -> Iterator[Any]:
-    """A progress bar on standard error where that is a terminal, and silence where it is not."""
+    """A progress bar on standard error, where that is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
@@ -565,9 +580,37 @@ def _bar() -> Iterator[Any]:
 
 
 def _stages(bar: Any) -> Progress:
-    """Has a bar show what is being done and how far it is."""
-    task = bar.add_task("starting", total=1.0)
-    return lambda stage, done: bar.update(task, description=stage, completed=done)
+    """Has a bar show what is being done and how far it is; where there is none, plain lines."""
+    task, start, told = bar.add_task("starting", total=1.0), time.monotonic(), set[str]()
+
+    def show(stage: str, done: float) -> None:
+        bar.update(task, description=stage, completed=done)
+        if bar.disable and stage not in told:
+            told.add(stage)
+            _say(bar, f"{time.monotonic() - start:.0f} s: {stage}")
+
+    return show
+
+
+def _say(bar: Any, line: str) -> None:
+    """A line above the bar, on standard error."""
+    bar.console.print(line, markup=False, highlight=False, soft_wrap=not bar.console.is_terminal)
+
+
+@contextmanager
+def _stopped_by_hand(effort: Effort, bar: Any) -> Iterator[None]:
+    """Has a first Ctrl-C end a search with what it has found, and a second one end the program."""
+
+    def stop(*_: object) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        effort.stop()
+        _say(bar, "Stopping with what was found so far. Ctrl-C again ends without it.")
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -43,15 +43,19 @@ from walkerkit.gap.recordings.split import Recordings, is_in_time, split, split_
 from walkerkit.gap.recordings.tidy import tidied
 from walkerkit.gap.report.claim import claimed, run_key
 from walkerkit.gap.report.diagnosis import Diagnosis
+from walkerkit.gap.report.first_answer import FILE as FIRST
+from walkerkit.gap.report.first_answer import FirstAnswer, first_answer
 from walkerkit.gap.report.notes import warning_notes
 from walkerkit.gap.report.output import DIAGNOSES, main_files
 from walkerkit.gap.report.result import Result, summarise
 from walkerkit.gap.search.beliefs import NOTHING, Beliefs
 from walkerkit.gap.search.buildable import buildable
+from walkerkit.gap.search.effort import Effort, Level, counted
 from walkerkit.gap.search.fit import Progress
 from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Explanation, name_effects
 from walkerkit.gap.search.problem import Problem, build
+from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.base_estimate import with_known_base
 from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_effort
 from walkerkit.gap.simulation.floating import suited
@@ -141,10 +145,12 @@ def diagnose(
     effects: OneOrMoreEffects | None = None,
     known: str | Sequence[str] = (),
     doubt: str | Sequence[str] = (),
+    effort: Level | Effort = "normal",
     n_threads: int = 0,
     allow_code: bool = False,
     allow_outside: bool = False,
     progress: Progress | None = None,
+    first: Callable[[FirstAnswer], None] | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
     kind: str = DIAGNOSES,
@@ -165,11 +171,14 @@ def diagnose(
         known: effects or numbers that are right in the model and are not changed, as "payload",
             or "mass:calf" of one place.
         doubt: effects or numbers of whose size nothing is known; naming them costs nothing.
+        effort: how much is tried: "quick", "normal" or "thorough"; an `Effort` can be stopped, and
+            what was found until then is the result.
         n_threads: threads of the simulation, and processes of its laws, 0 for all cores. Results
             do not depend on it.
         allow_code: a manifest may name `package.module:callable` as a model.
         allow_outside: a model's meshes and included files may lie outside of its folder.
         progress: called with what is being done and how far it is.
+        first: called with the plain fit's held-out gap as soon as that is known.
         out: folder to save the result in, and meanwhile what is finished: the same call after a
             crash goes on from there, to the same result.
         overwrite: whether `out` may replace files of another run.
@@ -199,9 +208,19 @@ def diagnose(
         )
         chosen = _effects(effects)
         setup = replace(setup, beliefs=Beliefs.of(known, doubt))
+        spending = effort if isinstance(effort, Effort) else Effort(effort)
+
+        def answered(problem: Problem, one: Fit) -> None:
+            answer = first_answer(problem, one, time.perf_counter() - start)
+            if out is not None:
+                (Path(out) / FIRST).write_text(answer.to_json(), encoding="utf-8")
+            if first is not None:
+                first(answer)
 
         def run() -> Result:
-            result = _search(setup, chosen, progress)
+            counted()
+            wanted = answered if first is not None or out is not None else None
+            result = _search(setup, chosen, progress, spending, wanted)
             diagnosis = result.diagnosis
             told = (*diagnosis.notes, *warning_notes(warned))
             seconds = time.perf_counter() - start
@@ -216,18 +235,26 @@ def diagnose(
                 *(kind, setup.window, setup.may_split_in_time),
                 [identity(effect) for effect in chosen],
                 *([repr(setup.beliefs)] if setup.beliefs else []),
+                spending.level,
             ),
         )
         files = main_files(setup.robots)
         with claimed(Path(out), key, files, overwrite=overwrite, kind=kind) as save:
             result = run()
+            (Path(out) / FIRST).unlink(missing_ok=True)
             save(result)
         return result
 
 
-def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -> Result:
+def _search(
+    setup: Setup,
+    chosen: Sequence[Effect],
+    progress: Progress | None,
+    effort: Effort,
+    first: Callable[[Problem, Fit], None] | None,
+) -> Result:
     """Names effects, mends the robots and puts it all into words."""
-    problem, explanation, left_out = _named(setup, chosen, progress)
+    problem, explanation, left_out = _named(setup, chosen, progress, effort, first)
     final = explanation.fit
     problem = problem.as_read(final)
     mended = tuple(
@@ -237,8 +264,18 @@ def _search(setup: Setup, chosen: Sequence[Effect], progress: Progress | None) -
         progress("writing up", 0.0)
     only = None if len(chosen) == len(CATALOGUE) else tuple(effect.name for effect in chosen)
     result = summarise(problem, explanation, mended, seconds=0.0, only=only)
-    notes = (*left_out, *result.diagnosis.notes)
+    notes = (*left_out, *_untried(explanation, effort), *result.diagnosis.notes)
     return with_hints(replace(result, diagnosis=replace(result.diagnosis, notes=notes)))
+
+
+def _untried(explanation: Explanation, effort: Effort) -> Iterator[str]:
+    """That a search ended before it was done."""
+    if explanation.untried:
+        why = "You stopped the search" if effort.stopped else f"The effort was {effort.level}"
+        yield (
+            f"{why}, so that it did not try: {'; '.join(explanation.untried)}. What is named may "
+            "stand for something else; --effort thorough tries all."
+        )
 
 
 @on_one_thread
@@ -472,15 +509,20 @@ def _known_hold(robots: Sequence[Robot]) -> Hold | None:
 
 
 def _named(
-    setup: Setup, effects: Sequence[Effect], progress: Progress | None
+    setup: Setup,
+    effects: Sequence[Effect],
+    progress: Progress | None,
+    effort: Effort,
+    first: Callable[[Problem, Fit], None] | None,
 ) -> tuple[Problem, Explanation, tuple[str, ...]]:
     """Names the effects that the robots can have; with a note of each that they cannot."""
     known = _known_hold(setup.robots)
-    first = setup.problem(known or "zero_order")
-    possible, left_out = buildable(effects, first.robots, first.joints)
-    setup.beliefs.check(possible, first.robots, first.joints)
+    read = setup.problem(known or "zero_order")
+    possible, left_out = buildable(effects, read.robots, read.joints)
+    setup.beliefs.check(possible, read.robots, read.joints)
 
     def problem(hold: Hold) -> Problem:
-        return first if hold == first.hold else setup.problem(hold)
+        return read if hold == read.hold else setup.problem(hold)
 
-    return *name_with_best_hold(problem, known, possible, progress), left_out
+    found = name_with_best_hold(problem, known, possible, progress, effort=effort, first=first)
+    return *found, left_out

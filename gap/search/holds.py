@@ -10,12 +10,14 @@ end of a period what was commanded in it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.search.buildable import buildable
+from walkerkit.gap.search.effort import Effort
 from walkerkit.gap.search.fit import Progress, evaluate, polished
 from walkerkit.gap.search.naming import Explanation, leaves_nothing, name_effects
 from walkerkit.gap.search.objective import refine
@@ -45,6 +47,9 @@ def name_with_best_hold(
     known: Hold | None,
     effects: Sequence[Effect],
     progress: Progress | None = None,
+    *,
+    effort: Effort | None = None,
+    first: Callable[[Problem, Fit], None] | None = None,
 ) -> tuple[Problem, Explanation]:
     """Names effects with held targets and, where that leaves a gap, with others that suit better.
 
@@ -53,15 +58,25 @@ def name_with_best_hold(
         known: how the targets are to be read, where that is known.
         effects: the catalogue.
         progress: called now and then.
+        effort: how much is tried.
+        first: called with what is to be explained and its plain fit, as soon as that is there.
 
     Returns:
         What is explained, and the explanation as `name_effects` has it.
     """
     problem = make_problem(known or "zero_order")
-    explanation = name_effects(problem, effects, progress)
+    effort = effort or Effort()
+
+    def plain(one: Fit) -> None:
+        if first is not None:
+            first(problem, one)
+
+    explanation = name_effects(problem, effects, progress, effort=effort, first=plain)
     at_floor = leaves_nothing(problem, explanation.fit)
     if known is not None or not explanation.searched or at_floor or _skips_targets(problem):
         return problem, explanation
+    if not effort.allows("targets read otherwise between their samples"):
+        return problem, replace(explanation, untried=tuple(effort.untried))
     others = [make_problem(one) for one in _OTHERS]
     flexible, *promised_by = _flexible_scores([problem, *others], explanation.fit)
     score = _score(problem, explanation)
@@ -69,7 +84,7 @@ def name_with_best_hold(
     for promised, other in sorted(zip(promised_by, others, strict=True), key=lambda one: one[0]):
         if worst - promised < _MARGIN:
             break
-        found = name_effects(other, effects, progress)
+        found = name_effects(other, effects, progress, effort=effort)
         named = {one.term.effect.name for one in found.named}
         # Of the next row and late by as much is held, which the first search did not get right.
         undone = other.hold == "next" and not named.isdisjoint(_LATE)

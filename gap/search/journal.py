@@ -28,6 +28,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.search.effort import spend, spent
 from walkerkit.walkers.batch import count_warnings, warnings_counted
 
 FloatArray = NDArray[np.float64]
@@ -103,8 +104,9 @@ class Journal:
         known = self._known.get(step)
         if known is not None:
             count_warnings(known["warnings"])
+            spend(known["steps"])
             return unpack(known["result"])
-        before = warnings_counted()
+        before, steps = warnings_counted(), spent()
         self._numbers.append(0)
         try:
             result = make()
@@ -112,7 +114,12 @@ class Journal:
             self._numbers.pop()
         counted = Counter(warnings_counted())
         counted.subtract(before)
-        content = {"step": step, "result": pack(result), "warnings": dict(+counted)}
+        content = {
+            "step": step,
+            "result": pack(result),
+            "warnings": dict(+counted),
+            "steps": spent() - steps,
+        }
         self._write(_line(content))
         return result
 

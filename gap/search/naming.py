@@ -11,7 +11,8 @@ in its place. Nothing here looks at recordings that are held out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book, known_errors
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN, NUMERICAL_LEFT
+from walkerkit.gap.search.effort import Effort, EnoughError
 from walkerkit.gap.search.fit import Progress, evaluate, polished, settled
 from walkerkit.gap.search.ground import ground
 from walkerkit.gap.search.numerical import as_simulated_well
@@ -45,6 +47,7 @@ FloatArray = NDArray[np.float64]
 MOST_RARE = 4  # at once
 _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its place
 _REFITS, _PASSES = 8, 3
+_NTH = ("a first", "a second", "a third", "a fourth")
 _AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
 _AS_GOOD = 0.02  # of a score
 
@@ -82,6 +85,7 @@ class Explanation:
             name; None where nothing was looked for, or no such effort can be told.
         searched: whether anything was looked for: the model as given leaves a gap.
         whole: the fit is one to whole rollouts, not to stretches of them.
+        untried: what the search was not given the time for.
     """
 
     fit: Fit
@@ -91,10 +95,16 @@ class Explanation:
     searched: bool
     unknown: float | None = None
     whole: bool = False
+    untried: tuple[str, ...] = ()
 
 
 def name_effects(
-    problem: Problem, effects: Sequence[Effect], progress: Progress | None = None
+    problem: Problem,
+    effects: Sequence[Effect],
+    progress: Progress | None = None,
+    *,
+    effort: Effort | None = None,
+    first: Callable[[Fit], None] | None = None,
 ) -> Explanation:
     """Names what explains the recordings that are fitted.
 
@@ -102,6 +112,8 @@ def name_effects(
         problem: what is to be explained.
         effects: the catalogue, or a part of it.
         progress: called now and then.
+        effort: how much is tried.
+        first: called with the plain fit of all that is ordinary, before anything else is tried.
 
     Returns:
         The explanation, which is empty where nothing is missing.
@@ -113,51 +125,89 @@ def name_effects(
     nothing = book.add(nothing)
     if not effects or leaves_nothing(problem, nothing):
         return _explanation(problem, book, nothing, searched=False)
-    current = ground(problem, effects, nothing, progress)
-    if current is not nothing:
-        current = book.add(current)
-    rare = [effect for effect in effects if not effect.ordinary]
-    current = _grown(problem, book, rare, current, progress)
-    for _ in range(_EXCHANGES):
-        _exchange(problem, book, rare, current, progress)
-        if book.best.fit.structure.key == current.structure.key:
-            break
-        current = _grown(problem, book, rare, book.best.fit, progress)
+    search = _Search(problem, book, effort or Effort(), progress)
+    with contextlib.suppress(EnoughError):
+        current = ground(problem, effects, nothing, search.progress)
+        if current is not nothing:
+            current = book.add(current)
+            if first is not None:
+                first(current)
+        search.effort.ground_is_done()
+        search.rare([effect for effect in effects if not effect.ordinary], current)
     book.fit_what_is_in_the_running(lambda member: only_needed(problem, member))
     problem.refine(book.best.fit)
-    return _explanation(problem, book, book.best.fit, searched=True)
+    found = _explanation(problem, book, book.best.fit, searched=True)
+    return replace(found, untried=tuple(search.effort.untried))
 
 
-def _grown(
-    problem: Problem, book: Book, rare: Sequence[Effect], current: Fit, progress: Progress | None
-) -> Fit:
-    """The structure that the table prefers, with as many rare effects as it wants."""
-    while not leaves_nothing(problem, current) and len(_rare(current)) < MOST_RARE:
-        for one in proposals(problem, current, book.slopes(current), rare, progress):
-            book.add(one, beside=current)
-        best = book.best.fit
-        if len(_rare(best)) <= len(_rare(current)):
-            break
-        current = _at_needed_places(problem, book, best)
-    return current
+class _Search:
+    """What is tried on top of the ground.
 
+    Args:
+        problem: what is to be explained.
+        book: what was fitted.
+        effort: how much is tried.
+        progress: called now and then.
+    """
 
-def _exchange(
-    problem: Problem, book: Book, rare: Sequence[Effect], current: Fit, progress: Progress | None
-) -> None:
-    """Each rare effect of a fit, but for its latest, meets what could be in its place."""
-    for term in _rare(current)[:-1]:  # the last met the others when it was added
-        others = _without(problem, current, [term])
-        others = book.add(others)
-        always = [e.name for e in rare if e.name in term.effect.extends]
-        rivals = [
-            effect
-            for effect in rare
-            if effect is not term.effect and (effect.name in always or book.has_tried(effect.name))
-        ]
-        near = book.slopes(others)
-        for one in proposals(problem, others, near, rivals, progress, pairs=False, always=always):
-            book.add(one, beside=others)
+    def __init__(self, problem: Problem, book: Book, effort: Effort, progress: Progress | None):
+        self._problem, self._book, self.effort = problem, book, effort
+        self._progress = progress
+
+    def progress(self, stage: str, done: float) -> None:
+        """Tells how far it is.
+
+        Raises:
+            EnoughError: the search is to end.
+        """
+        self.effort.check()
+        if self._progress is not None:
+            self._progress(stage, done)
+
+    def rare(self, effects: Sequence[Effect], current: Fit) -> None:
+        """Enters into the book what the table wants of some rare effects, and their rivals."""
+        current = self._grown(effects, current)
+        for _ in range(_EXCHANGES):
+            self._exchange(effects, current)
+            if self._book.best.fit.structure.key == current.structure.key:
+                break
+            current = self._grown(effects, self._book.best.fit)
+
+    def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
+        """The structure that the table prefers, with as many rare effects as it wants."""
+        problem, book = self._problem, self._book
+        while not leaves_nothing(problem, current) and len(_rare(current)) < MOST_RARE:
+            if not self.effort.allows(f"{_NTH[len(_rare(current))]} rare effect"):
+                break
+            near = book.slopes(current)
+            for one in proposals(problem, current, near, effects, self.progress):
+                book.add(one, beside=current)
+            best = book.best.fit
+            if len(_rare(best)) <= len(_rare(current)):
+                break
+            current = _at_needed_places(problem, book, best)
+        return current
+
+    def _exchange(self, effects: Sequence[Effect], current: Fit) -> None:
+        """Each rare effect of a fit, but for its latest, meets what could be in its place."""
+        problem, book = self._problem, self._book
+        for term in _rare(current)[:-1]:  # the last met the others when it was added
+            name = term.effect.name
+            if not self.effort.allows(f"others in the place of {name}"):
+                continue
+            others = book.add(_without(problem, current, [term]))
+            always = [e.name for e in effects if e.name in term.effect.extends]
+            rivals = [
+                effect
+                for effect in effects
+                if effect is not term.effect
+                and (effect.name in always or book.has_tried(effect.name))
+            ]
+            near = book.slopes(others)
+            for one in proposals(
+                problem, others, near, rivals, self.progress, pairs=False, always=always
+            ):
+                book.add(one, beside=others)
 
 
 def _at_needed_places(problem: Problem, book: Book, full: Fit) -> Fit:

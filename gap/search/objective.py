@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.decision import NUMERICAL_LEFT
+from walkerkit.gap.search.effort import spend
 from walkerkit.gap.search.numerical_error import NumericalError, Way
 from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.starts import ALIKE, Starts, start_errors
@@ -475,6 +476,8 @@ def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[
     """Of each objective (n of all its cases, rows, n_scored) residuals as simulated."""
     if not wanted:
         return []
+    for one, cases in wanted:
+        spend(sum(len(c.values) for c in cases) * sum(replay.steps for replay in one.replays))
     each = [one.recent.wanted(one._owner, cases) for one, cases in wanted]
     pairs = [
         (replay, mine.unknown)

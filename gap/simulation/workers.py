@@ -9,6 +9,7 @@ have had nothing to do for a while, or when this process ends.
 from __future__ import annotations
 
 import pickle
+import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -117,6 +118,7 @@ class _Sent(Generic[Job, Result]):
 
 def _serve(pipe: Connection) -> None:
     """Does jobs as they come: their results, errors and MuJoCo's warnings."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
     with closing(pipe):
         while pipe.poll(_IDLE):
             try:

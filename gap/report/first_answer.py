@@ -1,0 +1,81 @@
+"""The first answer: the plain fit that every practitioner tries, as soon as it is there.
+
+    answer = first_answer(problem, fit, seconds)
+    print(answer.sentence)
+
+Damping, dry friction, armature, servo gains and a delay at every joint; what else is missing is
+looked for beside that. The final answer takes its place.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+
+from walkerkit.gap.report.quantity import quantity
+from walkerkit.gap.report.replayed import gap_of, replay_half
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Fit
+from walkerkit.gap.simulation.mend import mend
+
+FILE = "first_answer.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstAnswer:
+    """The held-out gap that a plain fit leaves.
+
+    Attributes:
+        effects: names of what was fitted.
+        before: root-mean-square position error of the model as given, in `unit`.
+        after: the same with the fit.
+        unit: rad or m.
+        values: effect to place to name to value.
+        seconds: since the start.
+    """
+
+    effects: tuple[str, ...]
+    before: float
+    after: float
+    unit: str
+    values: dict[str, dict[str, dict[str, float]]]
+    seconds: float
+
+    @property
+    def sentence(self) -> str:
+        """For the terminal."""
+        before, after = (quantity(size, self.unit) for size in (self.before, self.after))
+        return (
+            f"First answer after {self.seconds:.0f} s: a plain fit of {', '.join(self.effects)} "
+            f"takes the held-out gap from {before} to {after}. Looking for what else is missing."
+        )
+
+    def to_json(self) -> str:
+        """For a file."""
+        return json.dumps(asdict(self), indent=2, ensure_ascii=False) + "\n"
+
+
+def first_answer(problem: Problem, one: Fit, seconds: float) -> FirstAnswer:
+    """Measures what a plain fit leaves of what is held out.
+
+    Args:
+        problem: what is to be explained.
+        one: the fit.
+        seconds: since the start.
+    """
+    trials = [one.structure.trials(robot, one.values[None]) for robot in problem.robots]
+    before = replay_half(problem, "held", problem.robots)
+    after = replay_half(problem, "held", [mend(trial) for trial in trials])
+    position = gap_of(problem, before, after).position
+    values: dict[str, dict[str, dict[str, float]]] = {}
+    for slot, value in zip(one.structure.slots, one.values, strict=True):
+        of_place = values.setdefault(slot.term.effect.name, {}).setdefault(slot.place, {})
+        of_place[slot.parameter.name] = float(value)
+    return FirstAnswer(
+        effects=tuple(values),
+        before=position.before,
+        after=position.after,
+        unit=position.unit,
+        values=values,
+        seconds=seconds,
+    )

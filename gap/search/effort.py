@@ -1,0 +1,100 @@
+"""How much is tried: simulation steps, counted against those of the plain fit.
+
+    effort = Effort("quick")
+    effort.ground_is_done()          # from now on so many times what has been spent
+    if effort.allows("rare effects beside the ordinary ones"):
+        ...
+
+A step of a simulation costs the same wherever it is taken, so that the same command finds the same
+on any machine. `stop` ends the search as soon as what is being fitted has been.
+"""
+
+from __future__ import annotations
+
+from contextvars import ContextVar
+from typing import Final, Literal, get_args
+
+from walkerkit.gap.errors import closest, refusal
+
+Level = Literal["quick", "normal", "thorough"]
+
+_TIMES: Final = {"quick": 4.0, "normal": 60.0, "thorough": float("inf")}
+"""How many times the steps of the plain fit are enough to begin nothing more."""
+
+_SPENT: ContextVar[list[int] | None] = ContextVar("spent", default=None)
+
+
+class EnoughError(Exception):
+    """The search was asked to stop; what it has found stands."""
+
+
+class Effort:
+    """What a search may spend, and what it did not try.
+
+    Args:
+        level: `quick` for the plain fit and one look at what else there is, `normal`, or `thorough`
+            for all that is worth a trial.
+
+    Attributes:
+        untried: what was not begun.
+        stopped: `stop` was called.
+
+    Raises:
+        InputError: there is no such level.
+    """
+
+    def __init__(self, level: Level = "normal"):
+        if level not in _TIMES:
+            raise refusal(
+                f"there is no effort {level!r}{closest(level, _TIMES)}. Choose "
+                f"{', '.join(get_args(Level)[:-1])} or {get_args(Level)[-1]}."
+            )
+        self.level: Level = level
+        self.untried: list[str] = []
+        self.stopped = False
+        self._plain: int | None = None
+
+    def ground_is_done(self) -> None:
+        """What has been spent until now is what others are counted against."""
+        if self._plain is None:
+            self._plain = spent()
+
+    def allows(self, what: str) -> bool:
+        """Whether something more may begin; what may not is remembered."""
+        most = _TIMES[self.level] * (self._plain or 0)
+        if self.stopped or (self._plain is not None and spent() > most):
+            if what not in self.untried:
+                self.untried.append(what)
+            return False
+        return True
+
+    def stop(self) -> None:
+        """Has `check` end what is being tried."""
+        self.stopped = True
+
+    def check(self) -> None:
+        """To be called now and then.
+
+        Raises:
+            EnoughError: `stop` was called.
+        """
+        if self.stopped:
+            raise EnoughError
+
+
+def counted() -> None:
+    """Counts from zero from here on."""
+    _SPENT.set([0])
+
+
+def spend(steps: int) -> None:
+    """Counts steps that were simulated, or that were in the run which this one goes on with."""
+    count = _SPENT.get()
+    if count is not None:
+        count[0] += steps
+
+
+def spent() -> int:
+    """Steps since `counted`."""
+    count = _SPENT.get()
+    return 0 if count is None else count[0]
