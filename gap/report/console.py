@@ -116,7 +116,10 @@ def table_of(*columns: str, right: tuple[str, ...] = ()) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
     for name in columns:
         justify: Literal["left", "right"] = "right" if name in right else "left"
-        table.add_column(name, justify=justify, overflow="fold", min_width=min(len(name), 6))
+        # What a table is of is a name, to be copied whole.
+        whole = name == columns[0]
+        least = min(len(name), 6)
+        table.add_column(name, justify=justify, overflow="fold", min_width=least, no_wrap=whole)
     return table
 
 
@@ -136,17 +139,13 @@ def _locations(diagnosis: Diagnosis) -> Table:
 
 
 def _effects(diagnosis: Diagnosis) -> Table:
-    table = table_of(
-        *("effect", "joint", "parameter", "value", "unit", "sure", "gap after"),
-        right=("value", "sure", "gap after"),
-    )
+    table = table_of("effect", "parameter", "value")
     unit = diagnosis.gap.position.unit
     for named in diagnosis.effects:
         sure, after = wording.sure(named.confidence), quantity(named.gap_after, unit)
-        first = [wording.label(named.effect), sure, after]
+        add_row(table, wording.label(named.effect), f"{sure} sure", f"gap after: {after}")
         for place, name, value, its_unit in _parameters(named):
-            add_row(table, first[0], place, name, value, its_unit, *first[1:])
-            first = ["", "", ""]
+            add_row(table, f"  {place}", name, f"{value} {its_unit}".rstrip())
     return table
 
 

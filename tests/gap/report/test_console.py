@@ -27,14 +27,24 @@ def test_verdict_tables_and_notes(leg: LegDiagnosis) -> None:
         "Explained. The gap is explained by coulomb_friction at calf (98 % sure)"
     )
     assert row(text, "calf") == "calf velocity reversal 50 % 8.3×"
-    assert row(text, "coulomb") == (
-        "coulomb_friction calf frictionloss 0.152 ± 0.004 N·m 98 % 1.1 mrad"
-    )
+    assert row(text, "coulomb") == "coulomb_friction 98 % sure gap after: 1.1 mrad"
+    assert row(text, "  calf") == "calf frictionloss 0.152 ± 0.004 N·m"
     assert row(text, "position") == "position 6.6 mrad 1.1 mrad 1.0 mrad"
     assert row(text, "effort") == "effort 0.52 N·m 0.041 N·m 0.030 N·m"
     assert row(text, "1.") == (
         "1. The velocity of hip was not recorded; the gap was taken from its position alone."
     )
+
+
+def test_names_are_whole_on_a_narrow_terminal(leg: LegDiagnosis) -> None:
+    diagnosis = leg()
+    (named,) = diagnosis.effects
+    name = "FL_upper_left_calf_joint"
+    of = tuple(replace(one, place=name) for one in named.parameters)
+    narrow = replace(diagnosis, effects=(replace(named, joints=(name,), parameters=of),))
+    text = as_text(narrow, width=80)
+    assert row(text, f"  {name}") == f"{name} frictionloss 0.152 ± 0.004 N·m"
+    assert max(map(len, text.splitlines())) <= 80
 
 
 def test_only_the_first_three_locations(leg: LegDiagnosis) -> None:
@@ -53,11 +63,11 @@ def test_locations_of_the_effort_say_so(leg: LegDiagnosis) -> None:
 
 def test_doubts_bounds_and_bodies(confused: Diagnosis) -> None:
     text = as_text(confused)
-    assert row(text, "payload  ") == "payload body shin mass 0.500 (at its bound) kg 91 % 2.4 mrad"
+    assert row(text, "payload  ") == "payload 91 % sure gap after: 2.4 mrad"
+    assert row(text, "  body") == "body shin mass 0.500 (at its bound) kg"
     assert "it is no estimate, without ±" in text
-    assert row(text, "command_delay  ") == (
-        "command_delay whole robot delay 12.34 ± 0.20 ms 52 % 3.1 mrad"
-    )
+    assert row(text, "command_delay  ") == "command_delay 52 % sure gap after: 3.1 mrad"
+    assert row(text, "  whole") == "whole robot delay 12.34 ± 0.20 ms"
     flat = " ".join(text.split())
     assert "cannot be told from sensor_delay or setpoint_filter" in flat
     assert "is predicted to tell command_delay, sensor_delay and setpoint_filter apart" in flat
