@@ -301,7 +301,7 @@ EFFECTS = {
     "torque_constant": hide("torque_constant", alpha=0.15),
     "torque_bias": hide("torque_bias", bias=0.3),
     "parallel_spring": hide("parallel_spring", stiffness=2.0, springref=0.3),
-    "effort_limit": hide("effort_limit", forcerange=1.2),
+    "effort_limit": hide("effort_limit", forcerange=0.6),
     "command_delay": hide("command_delay", delay=0.011),
     "sensor_delay": hide("sensor_delay", delay=0.011),
     "encoder_offset": hide("encoder_offset", offset=0.05),
