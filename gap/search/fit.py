@@ -18,6 +18,7 @@ from walkerkit.gap.search.certainty import INSENSITIVE, sensitivity
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Objective, consecutive, simulated_each
+from walkerkit.gap.search.score import trust_of
 from walkerkit.gap.search.slopes import (
     Slopes,
     linearised_each,
@@ -379,6 +380,29 @@ def settled(
             best = min(there, improved(there), key=lambda one: one.score)
     half.refine(best)
     return best
+
+
+def robustly(half: Half, one: Fit, noise: FloatArray, *, passes: int, iterations: int) -> Fit:
+    """A fit moved to where wild blocks do not outvote the rest, as they do not in the comparison.
+
+    Args:
+        half: the recordings.
+        one: the fit, to them.
+        noise: (n_scored,) of the measurement.
+        passes: of weighting blocks by how wild they are, and fitting again.
+        iterations: of each pass, the most.
+
+    Returns:
+        The fit, at which the half is refined, with the score that it has where all blocks count.
+    """
+    for _ in range(passes if len(one.values) and np.isfinite(one.score) else 0):
+        half.refine(one)
+        (residual,) = half.objective.residuals([one.case])[0]
+        trusting = half.trusting(trust_of(half.objective, residual, noise))
+        trusting.refine(one)
+        (one,) = polished(trusting.objective, [one], iterations=iterations, near_enough=True)
+    half.refine(one)
+    return evaluate(half.objective, [(one.structure, one.values)])[0]
 
 
 def _on_steps(objective: Objective, one: Fit) -> Iterator[FloatArray]:

@@ -73,6 +73,14 @@ class Half:
         """What `make_finer` makes, where it is needed."""
         return self.make_finer()
 
+    def trusting(self, trust: FloatArray) -> Half:
+        """The same, of which some blocks count less, as `Objective.trusting` has them."""
+
+        def finer() -> Mapping[Way, Objective]:
+            return {way: one.trusting(trust) for way, one in self.finer.items()}
+
+        return replace(self, objective=self.objective.trusting(trust), make_finer=finer)
+
     def refine(self, fit: Fit, residual: FloatArray | None = None) -> None:
         """Finds the simulation's numerical error at a fit, whose residual with it may be known."""
         self.objective.refine(self.finer, fit.case, residual)

@@ -24,7 +24,7 @@ from walkerkit.gap.search.book import Book, known_errors
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN, NUMERICAL_LEFT
 from walkerkit.gap.search.effort import Effort, EnoughError
-from walkerkit.gap.search.fit import Progress, evaluate, polished, settled
+from walkerkit.gap.search.fit import Progress, evaluate, polished, robustly, settled
 from walkerkit.gap.search.ground import ground
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.problem import Problem
@@ -47,6 +47,7 @@ FloatArray = NDArray[np.float64]
 MOST_RARE = 4  # at once
 _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its place
 _REFITS, _PASSES = 8, 3
+_WEIGHINGS, _REWEIGHED = 4, 3  # of blocks by how wild they are, and steps of a fit with each
 _NTH = ("a first", "a second", "a third", "a fourth")
 _AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
 _AS_GOOD = 0.02  # of a score
@@ -294,7 +295,7 @@ def only_needed(problem: Problem, member: Member) -> Fit:
             problem.fit.refine(found)
             break
         found = fewer_needed
-    return found
+    return robustly(problem.fit, found, problem.noise, passes=_WEIGHINGS, iterations=_REWEIGHED)
 
 
 def _not_known(
@@ -445,6 +446,7 @@ def _over_whole(problem: Problem, current: Fit) -> Fit | None:
         return None
     whole.refine(current)
     (found,) = polished(whole.objective, [current], iterations=_REFITS)
+    found = robustly(whole, found, problem.noise, passes=_WEIGHINGS, iterations=_REWEIGHED)
     problem.refine(current)
     before, after = (
         evaluate(problem.fit.objective, [(one.structure, one.values)])[0]

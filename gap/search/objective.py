@@ -102,12 +102,25 @@ class Objective:
         self._refined: deque[tuple[Hashable, FloatArray, NumericalError]] = deque(
             maxlen=_REMEMBERED
         )
+        self._root: FloatArray | None = None  # of how much each row counts
         self._coarse = False
         self._level: tuple[NumericalError, FloatArray] | None = None
 
     def apart(self) -> Objective:
         """The same recordings, to have another numerical error; what is known of such is shared."""
         return copy(self)
+
+    def trusting(self, trust: FloatArray) -> Objective:
+        """The same recordings, of which some blocks count less.
+
+        Args:
+            trust: (n_blocks, n_scored) by how much the squares of each count.
+        """
+        other = copy(self)
+        other._refined = deque(maxlen=_REMEMBERED)
+        other._root = np.sqrt(trust)[self.block]
+        other.leave_as_simulated()
+        return other
 
     def leave_as_simulated(self) -> None:
         """Takes no numerical error out of what will be simulated."""
@@ -490,12 +503,12 @@ def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[
     ]
     n_threads = wanted[0][0].n_threads
     predicted = iter(predict_together([replay for replay, _ in pairs], trials, n_threads))
-    return [
-        mine.filled(
-            one._less_measured([next(predicted) for _ in one.replays]) if mine.unknown else None
-        )
-        for (one, _), mine in zip(wanted, each, strict=True)
-    ]
+    found = []
+    for (one, _), mine in zip(wanted, each, strict=True):
+        new = one._less_measured([next(predicted) for _ in one.replays]) if mine.unknown else None
+        residual = mine.filled(new)
+        found.append(residual if one._root is None else residual * one._root)
+    return found
 
 
 def _per_case(residual: FloatArray, cases: Sequence[Case]) -> list[FloatArray]:

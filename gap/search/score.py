@@ -55,11 +55,7 @@ class Scores:
         """(n_blocks,) log densities, with the memory and the floor of another structure."""
         count = self.count / scale.memory
         square = self.squares / scale.memory
-        total = np.maximum(count.sum(axis=0), 1)
-        variance = np.maximum(square.sum(axis=0) / total, scale.floor**2)
-        for _ in range(_SWEEPS):
-            heavy = (TAILS + count) / (TAILS + square / variance)
-            variance = np.maximum(np.sum(heavy * square, axis=0) / total, scale.floor**2)
+        variance, _ = _variance(square, count, scale.floor)
         density: FloatArray = np.sum(
             gammaln(0.5 * (TAILS + count))
             - gammaln(0.5 * TAILS)
@@ -68,6 +64,41 @@ class Scores:
             axis=1,
         )
         return density
+
+
+def _variance(
+    square: FloatArray, count: FloatArray, floor: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(n_scored,) that of a multivariate t, and (n_blocks, n_scored) how much each block counts."""
+    total = np.maximum(count.sum(axis=0), 1)
+    variance = np.maximum(square.sum(axis=0) / total, floor**2)
+    for _ in range(_SWEEPS):
+        heavy = (TAILS + count) / (TAILS + square / variance)
+        variance = np.maximum(np.sum(heavy * square, axis=0) / total, floor**2)
+    return variance, heavy
+
+
+def trust_of(objective: Objective, residual: FloatArray, noise: FloatArray) -> FloatArray:
+    """(n_blocks, n_scored) how much each block counts for values that make the density largest.
+
+    Fits that are weighted so, again and again, maximise it (Lange, Little and Taylor, Journal of
+    the American Statistical Association 84, 1989).
+
+    Args:
+        objective: the recordings.
+        residual: (rows, n_scored) of a fit to them.
+        noise: (n_scored,) of the measurement.
+    """
+    memory = memory_of(objective, residual)
+    counts = objective.block_counts()
+    count, square = counts / memory, objective.block_squares(residual) / memory
+    _, heavy = _variance(square, count, _floor(objective, noise))
+    usual = np.sum(heavy * counts, axis=0) / np.maximum(counts.sum(axis=0), 1)
+    return heavy / np.where(usual > 0, usual, 1.0)
+
+
+def _floor(objective: Objective, noise: FloatArray) -> FloatArray:
+    return np.hypot(noise, NUMERICAL_LEFT * objective.numerical_size())
 
 
 def scored(
@@ -92,7 +123,7 @@ def scored(
         squares=_left_out(objective, one, slopes, kept),
         count=objective.block_counts(),
         memory=memory_of(objective, slopes.residual) if memory is None else memory,
-        floor=np.hypot(noise, NUMERICAL_LEFT * objective.numerical_size()),
+        floor=_floor(objective, noise),
     )
 
 
