@@ -25,7 +25,7 @@ SERVO = """
       <geom type="capsule" fromto="0 0 0 0 0 -0.25" size="0.02" mass="0.05"/>
     </body>
   </worldbody>
-  <actuator><position joint="knee" kp="20"/></actuator>
+  <actuator><position joint="knee" kp="100"/></actuator>
 </mujoco>
 """
 STEPS = 60
