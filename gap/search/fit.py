@@ -216,9 +216,8 @@ def _polishing(
         if progress:
             progress(stage, k / iterations)
         normal, gradient = posterior_equations(objective, best, slopes)
-        trials = _steps(best, normal, gradient)
+        trials, promised = _most_promising_first(best, normal, gradient)
         step = (trials[0] - best.values) / best.structure.scale
-        promised = -float(step @ (gradient + 0.5 * normal @ step))
         believed = slopes.sure or (slopes.right and not certain) or (near_enough and kept > 1)
         if believed and (
             promised < _CONVERGED
@@ -244,6 +243,20 @@ def _polishing(
                 break
             slopes = yield best
     return best, slopes
+
+
+def _most_promising_first(
+    one: Fit, normal: FloatArray, gradient: FloatArray
+) -> tuple[FloatArray, float]:
+    """A trial per damping factor, and what the slopes promise of the first.
+
+    Where bounds cut a long step short, a shorter one may promise more.
+    """
+    trials = _steps(one, normal, gradient)
+    steps = (trials - one.values) / one.structure.scale
+    promised = -steps @ gradient - 0.5 * np.einsum("ti,ij,tj->t", steps, normal, steps)
+    order = np.argsort(-promised, kind="stable")
+    return trials[order], float(promised[order[0]])
 
 
 def _in_lock_step(
