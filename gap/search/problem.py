@@ -20,6 +20,7 @@ from walkerkit.gap.search.numerical_error import Way
 from walkerkit.gap.search.objective import Objective, refine
 from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.structure import Fit, Structure, Term
+from walkerkit.gap.simulation.branches import met
 from walkerkit.gap.simulation.channel import Channel, base_channels, estimate_error
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
@@ -203,7 +204,9 @@ def build(
     seen = [r for group in fitted for r in group]
     floor = np.array([channel_noise(seen, channel).std for channel in scored])
     sized = [
-        replace(robot, excursions=excursions(robot, fit or held, joints))
+        replace(
+            robot, excursions=excursions(robot, fit or held, joints), met=met(robot, fit or held)
+        )
         for robot, fit, held in zip(robots, fitted, held_out, strict=True)
     ]
 

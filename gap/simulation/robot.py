@@ -175,6 +175,8 @@ class Robot:
         programs: laws of its actuators that run in Python.
         base: what floats, or None for a robot that is mounted or hung up.
         notes: what a user should know of how the model was read.
+        met: pairs of kinematic trees that came near each other in the recordings; None where that
+            is not known.
         finer: how many times shorter its timestep is than that of the model as it was read.
         made: what was made of it, for all who ask.
     """
@@ -191,6 +193,7 @@ class Robot:
     programs: tuple[Program, ...] = ()
     base: Base | None = None
     notes: tuple[str, ...] = ()
+    met: frozenset[tuple[int, int]] | None = None
     finer: float = 1.0
     made: Latest = field(
         default_factory=lambda: Latest(_MOST_MADE), init=False, repr=False, compare=False
