@@ -4,6 +4,7 @@ The effects themselves are under contract in `test_effects.py`; here they only s
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -14,10 +15,12 @@ from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, JointEffect, Parameter
 from walkerkit.gap.effects.base import registered
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
+from walkerkit.gap.search import fit as fit_module
 from walkerkit.gap.search import objective as objectives
 from walkerkit.gap.search import slopes as slopes_module
 from walkerkit.gap.search.certainty import INSENSITIVE, covariance
-from walkerkit.gap.search.fit import evaluate, fit, polish, polished
+from walkerkit.gap.search.fit import evaluate, fit, polish, polished, robustly, settled
+from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.numerical_error import NumericalError
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.recent import Recent
@@ -455,6 +458,20 @@ class TestPolish:
         found, _ = polish(one, far)
         np.testing.assert_allclose(found.values, [0.25, 0.02], rtol=1e-3)
 
+    def test_a_step_that_bounds_cut_short_is_not_the_end(self):
+        """A long step along a valley that a bound cuts across leads uphill; shorter ones do not."""
+        one, trials = np.array([0.0, 0.0]), SimpleNamespace(structure=SimpleNamespace())
+        trials.values, trials.structure.scale = one, np.ones(2)
+        trials.structure.bounds = (np.full(2, -1.0), np.full(2, 1.0))
+        trials.mean_square = np.ones(1)
+        normal = np.array([[1.0, -0.99], [-0.99, 0.9802]])
+        gradient = -normal @ np.array([-30.0, -31.0])
+        ordered, promised = fit_module._most_promising_first(trials, normal, gradient)
+        own = [-(step @ gradient) - 0.5 * step @ normal @ step for step in ordered]
+        assert promised == pytest.approx(own[0])
+        assert own == sorted(own, reverse=True)
+        assert promised > 0
+
     def test_a_start_is_near_enough_before_it_is_certain(self, problem):
         robot, recording, _ = problem
         one, rows = counted(robot, recording)
@@ -679,6 +696,30 @@ class TestFit:
 
 
 READ = "hip/position"
+
+
+class TestRobustly:
+    def test_a_wild_block_does_not_draw_the_values(self):
+        robot = pendulum()
+        clean = run(robot, 6.0, dof_damping=0.35)
+        robot = sized(robot, clean)
+        columns = dict(clean.columns)
+        pushed = (clean.time > 2.0) & (clean.time < 2.4)
+        columns[READ] = columns[READ] + np.where(pushed, 0.2, 0.0)
+        rng = np.random.default_rng(1)
+        half = Half(
+            recordings=(),
+            told=(),
+            objective=objective(robot, [noisy(replace(clean, columns=columns), rng)], floor=1e-3),
+            make_finer=dict,
+        )
+        half = replace(half, make_finer=lambda: {"half": half.objective})
+        tried = structure([robot], viscous_friction=["hip"])
+        (start,) = evaluate(half.objective, [(tried, np.array([0.25]))])
+        drawn = settled(half, start, passes=1)
+        found = robustly(half, drawn, np.full(1, 1e-3), passes=4, iterations=4)
+        assert abs(found.values[0] - 0.25) < 0.2 * abs(drawn.values[0] - 0.25)
+        assert found.values[0] == pytest.approx(0.25, rel=0.03)
 
 
 class TestCovariance:

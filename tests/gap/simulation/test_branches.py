@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Case
-from walkerkit.gap.simulation.branches import branches
+from walkerkit.gap.simulation.branches import branches, met
 from walkerkit.gap.simulation.replay import Channel
 from walkerkit.gap.simulation.robot import Robot, robot_from_spec
 
@@ -27,8 +29,8 @@ LEG = """
 """
 
 
-def two_legs(*, more: str = "") -> Robot:
-    legs = "".join(LEG.format(side=side, y=y) for side, y in (("left", 0), ("right", 0.2)))
+def two_legs(*, more: str = "", apart: float = 0.2) -> Robot:
+    legs = "".join(LEG.format(side=side, y=y) for side, y in (("left", 0), ("right", apart)))
     joints = [f"{side}_{name}" for side in ("left", "right") for name in ("hip", "knee")]
     servos = "".join(f'<position name="{j}" joint="{j}" kp="30" kv="0.5"/>' for j in joints)
     xml = f"<mujoco><worldbody>{legs}</worldbody>{more}<actuator>{servos}</actuator></mujoco>"
@@ -56,6 +58,23 @@ def test_legs_that_cannot_touch_are_branches() -> None:
 def test_legs_that_are_coupled_are_one(more: str) -> None:
     joints, _ = branches(two_legs(more=more))
     assert set(joints.values()) == {0}
+
+
+@pytest.mark.parametrize(("apart", "count"), [(0.2, 2), (0.045, 1)])
+def test_legs_that_could_touch_and_did_not_are_branches(apart: float, count: int) -> None:
+    """Capsules of 4 cm across: 5 mm of air are too little for what is tried."""
+    robot = two_legs(apart=apart)
+    time = np.arange(200) * 0.005
+    columns = {f"{joint}/position": 0.3 * np.sin(5 * time) for joint in robot.joints}
+    columns["left_hip/position_target"] = 0.3 * np.sin(5 * time)
+    recording = Recording(name="log", time=time, columns=columns)
+    near = met(robot, [recording])
+    assert near == (frozenset() if count == 2 else frozenset({(0, 1)}))
+    joints, _ = branches(replace(robot, met=near))
+    assert len(set(joints.values())) == count
+    # A joint without a position may be anywhere.
+    del columns["left_knee/position"]
+    assert met(robot, [Recording(name="log", time=time, columns=columns)]) is None
 
 
 def test_slopes_of_both_legs_at_once_are_those_of_each() -> None:
