@@ -18,7 +18,7 @@ from walkerkit.gap.search.certainty import INSENSITIVE, sensitivity
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Objective, consecutive, simulated_each
-from walkerkit.gap.search.score import trust_of
+from walkerkit.gap.search.score import Wildness
 from walkerkit.gap.search.slopes import (
     Slopes,
     linearised_each,
@@ -408,12 +408,24 @@ def robustly(half: Half, one: Fit, noise: FloatArray, *, passes: int, iterations
     Returns:
         The fit, at which the half is refined, with the score that it has where all blocks count.
     """
-    for _ in range(passes if len(one.values) and np.isfinite(one.score) else 0):
+    if not len(one.values) or not np.isfinite(one.score):
+        return one
+
+    def seen(one: Fit) -> FloatArray:
         half.refine(one)
-        (residual,) = half.objective.residuals([one.case])[0]
-        trusting = half.trusting(trust_of(half.objective, residual, noise))
+        found: FloatArray = half.objective.residuals([one.case])[0][0]
+        return found
+
+    residual = seen(one)
+    wildness = Wildness(half.objective, residual, noise)
+    for _ in range(passes):
+        trusting = half.trusting(wildness.trust(residual))
         trusting.refine(one)
-        (one,) = polished(trusting.objective, [one], iterations=iterations, near_enough=True)
+        (better,) = polished(trusting.objective, [one], iterations=iterations, near_enough=True)
+        there = seen(better)
+        if wildness.density(there) <= wildness.density(residual):
+            break
+        one, residual = better, there
     half.refine(one)
     return evaluate(half.objective, [(one.structure, one.values)])[0]
 

@@ -135,7 +135,9 @@ class Objective:
     def _remembers(self, case: Case) -> bool:
         """Whether the numerical error is known at these values, nearly; it is that one then."""
         structure, values = case.structure, case.values[0]
-        near = _SAME_ERROR * structure.scale
+        # The error of a delay between two steps is another than that of whole steps.
+        late = np.array([slot.parameter.name == "delay" for slot in structure.slots], dtype=bool)
+        near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
         for key, at, error in self._refined:
             if key == structure.key and (np.abs(values - at) <= near).all():
                 self.numerical = error

@@ -11,7 +11,7 @@ cross-validation (Beirami, Razaviyayn, Shahrampour and Tarokh, NeurIPS 2017) cos
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,23 +78,41 @@ def _variance(
     return variance, heavy
 
 
-def trust_of(objective: Objective, residual: FloatArray, noise: FloatArray) -> FloatArray:
-    """(n_blocks, n_scored) how much each block counts for values that make the density largest.
+class Wildness:
+    """How wild blocks are, by the density of the comparison, for fits that are to make it largest.
 
-    Fits that are weighted so, again and again, maximise it (Lange, Little and Taylor, Journal of
-    the American Statistical Association 84, 1989).
+    Fits in which each block counts by `trust`, again and again, do (Lange, Little and Taylor,
+    Journal of the American Statistical Association 84, 1989).
 
     Args:
         objective: the recordings.
-        residual: (rows, n_scored) of a fit to them.
+        residual: (rows, n_scored) of a fit to them, whose memory is that of all others.
         noise: (n_scored,) of the measurement.
     """
-    memory = memory_of(objective, residual)
-    counts = objective.block_counts()
-    count, square = counts / memory, objective.block_squares(residual) / memory
-    _, heavy = _variance(square, count, _floor(objective, noise))
-    usual = np.sum(heavy * counts, axis=0) / np.maximum(counts.sum(axis=0), 1)
-    return heavy / np.where(usual > 0, usual, 1.0)
+
+    def __init__(self, objective: Objective, residual: FloatArray, noise: FloatArray):
+        self._objective = objective
+        self._counts = objective.block_counts()
+        self._scale = Scores(
+            squares=objective.block_squares(residual),
+            count=self._counts,
+            memory=memory_of(objective, residual),
+            floor=_floor(objective, noise),
+        )
+
+    def trust(self, residual: FloatArray) -> FloatArray:
+        """(n_blocks, n_scored) how much each block counts beside a fit's residual; 1 on average."""
+        memory = self._scale.memory
+        square = self._objective.block_squares(residual) / memory
+        _, heavy = _variance(square, self._counts / memory, self._scale.floor)
+        usual = np.sum(heavy * self._counts, axis=0) / np.maximum(self._counts.sum(axis=0), 1)
+        found: FloatArray = heavy / np.where(usual > 0, usual, 1.0)
+        return found
+
+    def density(self, residual: FloatArray) -> float:
+        """The log density of a fit's residual, over all blocks."""
+        one = replace(self._scale, squares=self._objective.block_squares(residual))
+        return float(one.elpd(self._scale).sum())
 
 
 def _floor(objective: Objective, noise: FloatArray) -> FloatArray:
