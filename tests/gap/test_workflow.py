@@ -798,9 +798,9 @@ def test_other_readings_of_targets_are_searched_only_where_they_promise_more(
     """The hardware's friction leaves a gap beside dry friction, whatever the targets are."""
     searched = []
 
-    def name_effects(problem: Problem, *rest: Any) -> Explanation:
+    def name_effects(problem: Problem, *rest: Any, **options: Any) -> Explanation:
         searched.append(problem.hold)
-        return naming.name_effects(problem, *rest)
+        return naming.name_effects(problem, *rest, **options)
 
     monkeypatch.setattr(holds, "name_effects", name_effects)
     found = diagnose(servo, logs(hide("coulomb_friction", frictionloss=0.3)), effects=MOVING)
