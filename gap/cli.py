@@ -259,7 +259,7 @@ def diagnose(
             n_threads=threads,
             allow_code=allow_code,
             allow_outside=allow_outside,
-            progress=_stages(bar),
+            progress=_stages(bar, lines=True),
             first=lambda answer: _say(bar, answer.sentence),
             out=out,
             overwrite=overwrite,
@@ -579,13 +579,13 @@ def _bar() -> Iterator[Any]:
         yield bar
 
 
-def _stages(bar: Any) -> Progress:
-    """Has a bar show what is being done and how far it is; where there is none, plain lines."""
+def _stages(bar: Any, *, lines: bool = False) -> Progress:
+    """Has a bar show what is being done and how far it is; where there is none, maybe lines."""
     task, start, told = bar.add_task("starting", total=1.0), time.monotonic(), set[str]()
 
     def show(stage: str, done: float) -> None:
         bar.update(task, description=stage, completed=done)
-        if bar.disable and stage not in told:
+        if lines and bar.disable and stage not in told:
             told.add(stage)
             _say(bar, f"{time.monotonic() - start:.0f} s: {stage}")
 

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from tests.gap.progress import without_progress
 from walkerkit.gap import cli, workflow
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.recording import Recording
@@ -72,7 +73,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
         return Outcome(
             status=int(ended.value.code or 0),
             out=captured.out,
-            err=captured.err,
+            err=without_progress(captured.err),
         )
 
     return run
