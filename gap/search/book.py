@@ -22,7 +22,7 @@ from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
 
-_MOST_IN_THE_RUNNING = 4
+_MOST_IN_THE_RUNNING = 4  # structures that are fitted by themselves; more only makes more exact
 _OUT_OF_THE_RUNNING = 6.0  # of a log weight, that slopes may be wrong by
 _OUT_OF_REACH = 3.0  # times T, of a log weight, that leave-one-out could hardly make up
 

@@ -102,7 +102,7 @@ def _skips_targets(problem: Problem) -> bool:
 
 def _score(problem: Problem, explanation: Explanation) -> float:
     """How well what was named explains the recordings, in the light of its own numerical error."""
-    problem.refine(explanation.fit)
+    problem.fit.refine(explanation.fit)
     one = explanation.fit
     return evaluate(problem.fit.objective, [(one.structure, one.values)])[0].score
 
@@ -131,7 +131,7 @@ def _flexible_scores(problems: Sequence[Problem], named: Fit) -> list[float]:
     )
     found: dict[int, float] = {}
     for problem, one in zip(every, fits, strict=True):
-        problem.refine(one)
+        problem.fit.refine(one)
         (own,) = evaluate(problem.fit.objective, [(one.structure, one.values)])
         found[id(problem)] = min(own.score, found.get(id(problem), np.inf))
     return [found[id(problem)] for problem in problems]

@@ -122,7 +122,7 @@ def name_effects(
     (given,) = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])
     book = Book(problem)
     nothing = as_simulated_well(problem, effects, given)
-    problem.refine(nothing)
+    problem.fit.refine(nothing)
     nothing = book.add(nothing)
     if not effects or leaves_nothing(problem, nothing):
         return _explanation(problem, book, nothing, searched=False)
@@ -136,7 +136,7 @@ def name_effects(
         search.effort.ground_is_done()
         search.rare([effect for effect in effects if not effect.ordinary], current)
     book.fit_what_is_in_the_running(lambda member: only_needed(problem, member))
-    problem.refine(book.best.fit)
+    problem.fit.refine(book.best.fit)
     found = _explanation(problem, book, book.best.fit, searched=True)
     return replace(found, untried=tuple(search.effort.untried))
 
@@ -447,7 +447,7 @@ def _over_whole(problem: Problem, current: Fit) -> Fit | None:
     whole.refine(current)
     (found,) = polished(whole.objective, [current], iterations=_REFITS)
     found = robustly(whole, found, problem.noise, passes=_WEIGHINGS, iterations=_REWEIGHED)
-    problem.refine(current)
+    problem.fit.refine(current)
     before, after = (
         evaluate(problem.fit.objective, [(one.structure, one.values)])[0]
         for one in (current, found)

@@ -99,7 +99,7 @@ def proposals(
     best = _of(raced, always)
     best += [one for one in raced if one not in best and one.score < reach]
     best = [one for one in best if np.isfinite(one.score)]
-    problem.refine(current)
+    problem.fit.refine(current)
     if race is not problem.fit.objective:
         best = best[: max(_FITTED, len(_of(best, always)))]
         best = polished(problem.fit.objective, best, near, iterations=_REFITS, certain=False)

@@ -229,15 +229,3 @@ def posterior_equations(
         normal + np.diag(scale**2 / objective.prior_samples),
         gradient + scale * away / objective.prior_samples,
     )
-
-
-def losses(objective: Objective, one: Fit, slopes: Slopes) -> FloatArray:
-    """(n_parameters,) by how much the score rises, by the slopes, where each is at its zero.
-
-    The other parameters follow.
-    """
-    normal, _ = posterior_equations(objective, one, slopes)
-    variance = np.diag(np.linalg.pinv(normal, rcond=1e-12, hermitian=True))
-    away = (one.values - one.structure.zero) / one.structure.scale
-    lost: FloatArray = 0.5 * away**2 / np.maximum(variance, 1e-300)
-    return np.where(np.diag(normal) > 0, lost, 0.0)
