@@ -23,8 +23,7 @@ from walkerkit.gap.ingest.commands import app as ingest_commands
 from walkerkit.gap.own_robot.commands import app as own_robot_commands
 
 if TYPE_CHECKING:
-    from walkerkit.gap.search.effort import Effort
-    from walkerkit.gap.search.fit import Progress
+    from walkerkit.gap.search.effort import Effort, Progress
 
 # dm_control looks for a display when it is imported, unless it is told that none is wanted.
 os.environ.setdefault("MUJOCO_GL", "disable")

@@ -35,7 +35,8 @@ from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.replayed import Replayed, gap_of, replay_half, traces, unit_of
 from walkerkit.gap.search.buildable import why_not
 from walkerkit.gap.search.certainty import covariance
-from walkerkit.gap.search.fit import Progress, evaluate, polish
+from walkerkit.gap.search.effort import Progress
+from walkerkit.gap.search.fit import evaluate, polish
 from walkerkit.gap.search.fit import fit as improve
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.scan import scanned

@@ -50,8 +50,7 @@ from walkerkit.gap.report.output import DIAGNOSES, main_files
 from walkerkit.gap.report.result import Result, summarise
 from walkerkit.gap.search.beliefs import NOTHING, Beliefs
 from walkerkit.gap.search.buildable import buildable
-from walkerkit.gap.search.effort import Effort, Level, counted
-from walkerkit.gap.search.fit import Progress
+from walkerkit.gap.search.effort import Effort, Level, Progress, counted
 from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Explanation, name_effects
 from walkerkit.gap.search.problem import Problem, build

@@ -75,6 +75,11 @@ class Parameter:
     inverse: tuple[str, str] | tuple[()] = ()
     prior: float = 0.0
 
+    @property
+    def is_delay(self) -> bool:
+        """Whether what it changes is no straight line but goes in steps of the simulation."""
+        return self.name == "delay"
+
     def __post_init__(self) -> None:
         inside = all(self.lower <= value <= self.upper for value in (self.zero, *self.starts))
         if not (inside and self.lower < self.upper and self.scale > 0 and self.starts):

@@ -14,11 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.signal import savgol_coeffs
+
+from walkerkit.gap.recordings.savgol import savgol
 
 FloatArray = NDArray[np.float64]
 
 _SAMPLES, _ORDERS = 9, (3, 5)
+_KEPT = {order: 1 - savgol_coeffs(_SAMPLES, order)[_SAMPLES // 2] for order in _ORDERS}
 _STRETCH = 20  # samples; short, so that most lie between the steps of the targets
 _ROUNDING = 1e-6  # of the signal's range
 _FEWEST_STEPS = 2
@@ -72,8 +75,7 @@ def _typical(signals: Sequence[FloatArray], order: int) -> float:
 
 def _residual(signal: FloatArray, order: int) -> FloatArray:
     """What the local polynomials leave, scaled to the noise's variance where that is white."""
-    kept = 1 - savgol_coeffs(_SAMPLES, order)[_SAMPLES // 2]
-    left: FloatArray = (signal - savgol_filter(signal, _SAMPLES, order)) / np.sqrt(kept)
+    left: FloatArray = (signal - savgol(signal, _SAMPLES, order)) / np.sqrt(_KEPT[order])
     return left
 
 

@@ -12,10 +12,13 @@ smaller fits do, within the noise (Goldenshluger and Nemirovski, Mathematical Me
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
-from scipy.signal import savgol_filter
+
+from walkerkit.gap.recordings.savgol import savgol
 
 FloatArray = NDArray[np.float64]
 
@@ -56,9 +59,9 @@ class Smoothed:
         if len(self._grid) <= samples:
             samples, order = 1, 0
         self.step = float(self._grid[1] - self._grid[0])
-        self.values: FloatArray = savgol_filter(resampled, samples, order)
+        self.values: FloatArray = savgol(resampled, samples, order)
         self.slopes: FloatArray = (
-            savgol_filter(resampled, samples, order, deriv=1, delta=step)
+            savgol(resampled, samples, order, deriv=1, step=step)
             if order
             else np.gradient(resampled, step, axis=1)
         )
@@ -75,7 +78,7 @@ class Smoothed:
         lengths = [samples]
         while (shorter := int(_SHORTER * lengths[-1]) | 1) >= _LEAST and shorter < lengths[-1]:
             lengths.append(shorter)
-        shorter_fits = (savgol_filter(row, n, _ORDER, 1, self.step) for n in lengths[1:])
+        shorter_fits = (savgol(row, n, _ORDER, deriv=1, step=self.step) for n in lengths[1:])
         slopes = [self.slopes[k].copy(), *shorter_fits]
         spread = [std * _spread(length, len(row)) / self.step for length in lengths]
         slight = _SLIGHT * float(np.sqrt(np.mean(slopes[0] ** 2)))
@@ -95,7 +98,7 @@ class Smoothed:
             self._off_slope[k, here] = np.sqrt(spread[i] ** 2 + np.maximum(beyond, 0.0))[here]
             if i and here.any():
                 self.slopes[k, here] = slopes[i][here]
-                self.values[k, here] = savgol_filter(row, length, _ORDER)[here]
+                self.values[k, here] = savgol(row, length, _ORDER)[here]
             left &= contradicted
             if i == 0:
                 self.fast |= left
@@ -135,6 +138,7 @@ def _closed(marked: NDArray[np.bool_], length: int) -> NDArray[np.bool_]:
     return minimum_filter1d(wide, length).view(np.bool_)
 
 
+@lru_cache(maxsize=64)
 def _spread(samples: int, count: int) -> FloatArray:
     """(count,) standard deviation of the slopes of fits to noise of 1, of samples 1 apart."""
     half = samples // 2

@@ -9,7 +9,7 @@ from pathlib import Path
 from walkerkit.gap.rehearsal.rehearse import EXPERIMENTS, Rehearsal, rehearse
 from walkerkit.gap.report.output import check_free, known_run, write_folder
 from walkerkit.gap.report.result import Result
-from walkerkit.gap.search.fit import Progress
+from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.workflow import diagnose
 from walkerkit.walkers.leg import LEG_XML
 

@@ -3,8 +3,8 @@
     answer = first_answer(problem, fit, seconds)
     print(answer.sentence)
 
-Damping, dry friction, armature, servo gains and a delay at every joint; what else is missing is
-looked for beside that. The final answer takes its place.
+Damping, dry friction, armature, servo gains and a delay at every joint, fitted to a few stretches;
+what else is missing is looked for beside that. The final answer takes its place.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import json
 from dataclasses import asdict, dataclass
 
 from walkerkit.gap.report.quantity import quantity
-from walkerkit.gap.report.replayed import gap_of, replay_half
+from walkerkit.gap.report.replayed import replay_half, unit_of
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.mend import mend
@@ -27,27 +27,27 @@ class FirstAnswer:
 
     Attributes:
         effects: names of what was fitted.
-        before: root-mean-square position error of the model as given, in `unit`.
-        after: the same with the fit.
-        unit: rad or m.
+        signals: of each that counts, its root-mean-square error with the model as given, with the
+            fit, and its unit.
         values: effect to place to name to value.
         seconds: since the start.
     """
 
     effects: tuple[str, ...]
-    before: float
-    after: float
-    unit: str
+    signals: dict[str, tuple[float, float, str]]
     values: dict[str, dict[str, dict[str, float]]]
     seconds: float
 
     @property
     def sentence(self) -> str:
         """For the terminal."""
-        before, after = (quantity(size, self.unit) for size in (self.before, self.after))
+        gaps = " and ".join(
+            f"of {name} from {quantity(before, unit)} to {quantity(after, unit)}"
+            for name, (before, after, unit) in self.signals.items()
+        )
         return (
             f"First answer after {self.seconds:.0f} s: a plain fit of {', '.join(self.effects)} "
-            f"takes the held-out gap from {before} to {after}. Looking for what else is missing."
+            f"takes the held-out gap {gaps}. Looking for what else is missing."
         )
 
     def to_json(self) -> str:
@@ -66,16 +66,17 @@ def first_answer(problem: Problem, one: Fit, seconds: float) -> FirstAnswer:
     trials = [one.structure.trials(robot, one.values[None]) for robot in problem.robots]
     before = replay_half(problem, "held", problem.robots)
     after = replay_half(problem, "held", [mend(trial) for trial in trials])
-    position = gap_of(problem, before, after).position
+    signals = {}
+    for name in dict.fromkeys(channel.quantity for channel in problem.channels):
+        own = [channel for channel in problem.channels if channel.quantity == name]
+        signals[name] = before.rms(own), after.rms(own), unit_of(problem, own)
     values: dict[str, dict[str, dict[str, float]]] = {}
     for slot, value in zip(one.structure.slots, one.values, strict=True):
         of_place = values.setdefault(slot.term.effect.name, {}).setdefault(slot.place, {})
         of_place[slot.parameter.name] = float(value)
     return FirstAnswer(
         effects=tuple(values),
-        before=position.before,
-        after=position.after,
-        unit=position.unit,
+        signals=signals,
         values=values,
         seconds=seconds,
     )

@@ -39,11 +39,11 @@ def named_effects(
     variance, sensitivity = covariance(
         half.objective, final, problem.noise, part=problem.screen.objective
     )
+    terms = tuple(one.term for one in explanation.named)
+    up_to_each = [_some(final, terms[:count]) for count in range(1, len(terms))]
+    every = [*gaps_with(problem, up_to_each), gaps_of(after)]
     found = []
-    for count, one in enumerate(explanation.named, start=1):
-        last = count == len(explanation.named)
-        some = tuple(named.term for named in explanation.named[:count])
-        gaps = gaps_of(after) if last else gaps_with(problem, _some(final, some))
+    for one, gaps in zip(explanation.named, every, strict=True):
         found.append(
             NamedEffect(
                 effect=one.term.effect.name,

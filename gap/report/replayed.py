@@ -130,12 +130,15 @@ def gaps_of(replayed: Replayed) -> dict[str, float]:
     return {name: replayed.rms([c for c in channels if c.quantity == name]) for name in signals}
 
 
-def gaps_with(problem: Problem, fit: Fit) -> dict[str, float]:
-    """The held-out gap of every signal with a fit, numerical error and all."""
+def gaps_with(problem: Problem, fits: Sequence[Fit]) -> list[dict[str, float]]:
+    """The held-out gap of every signal with each of some fits, numerical error and all."""
     replays = problem.held.told
-    trials = [fit.structure.trials(replay.robot, fit.values[None]) for replay in replays]
-    predicted = predict_together(replays, trials, problem.n_threads)
-    return gaps_of(Replayed(replays=replays, predicted=tuple(one[0] for one in predicted)))
+    trials = [one.structure.trials(r.robot, one.values[None]) for one in fits for r in replays]
+    predicted = predict_together([*replays] * len(fits), trials, problem.n_threads)
+    each = (predicted[k : k + len(replays)] for k in range(0, len(predicted), len(replays)))
+    return [
+        gaps_of(Replayed(replays=replays, predicted=tuple(one[0] for one in its))) for its in each
+    ]
 
 
 def gap_maps(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import at_bound, covariance
 from walkerkit.gap.search.compare import Member, Table, is_worth_a_name
-from walkerkit.gap.search.decision import KNOWN, TEMPERATURE
+from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes
@@ -22,8 +22,7 @@ from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
 
-_MOST_IN_THE_RUNNING = 4  # structures that are fitted by themselves; more only makes more exact
-_OUT_OF_THE_RUNNING = 6.0  # of a log weight, that slopes may be wrong by
+_MOST_IN_THE_RUNNING = 4  # structures that are fitted by themselves
 _OUT_OF_REACH = 3.0  # times T, of a log weight, that leave-one-out could hardly make up
 
 
@@ -44,6 +43,7 @@ class Book:
         self.gains: dict[tuple[int, str], float] = {}
         self._members: list[Member] = []
         self._table: Table | None = None
+        self._among: set[Hashable] | None = None
 
     @property
     def table(self) -> Table:
@@ -54,8 +54,8 @@ class Book:
 
     @property
     def best(self) -> Member:
-        """The member that the table prefers."""
-        return self.table.best
+        """The member that the table prefers, of those that may be told."""
+        return self.table.best_of(self._among)
 
     def add(self, one: Fit, *, beside: Fit | None = None, smaller: bool = False) -> Fit:
         """Adds a fit to all recordings that are fitted, with what it does not need left out.
@@ -96,7 +96,7 @@ class Book:
         return one
 
     def fit_what_is_in_the_running(self, fitted: Callable[[Member], Fit]) -> None:
-        """Has the structures that may be the best fitted by themselves.
+        """Has the structures that may be the best fitted by themselves, of which `best` then is.
 
         Until then they are read off slopes of fits with everything ordinary in them, which say
         little of what is far away.
@@ -105,9 +105,9 @@ class Book:
             fitted: fits a member by itself.
         """
         by_itself: set[Hashable] = set()
-        while True:
+        for _ in range(_MOST_IN_THE_RUNNING):
             table = self.table
-            least = table.worth.max() - _OUT_OF_THE_RUNNING
+            least = table.worth.max() + np.log(1 - CONFUSION)
             tried = {member.rare for member in table.members if member.key in by_itself}
             # One of each that has other rare effects, and always the best.
             running = [
@@ -116,22 +116,23 @@ class Book:
                 if table.worth[k] >= least and table.members[k].rare not in tried
             ]
             running = [m for m in (table.best, *running) if m.key not in by_itself]
-            enough = len(by_itself) >= _MOST_IN_THE_RUNNING
-            if not running or (enough and running[0] is not table.best):
+            if not running:
                 break
             by_itself |= {running[0].key, self._fit_by_itself(running[0], fitted).key}
+        self._among = by_itself
 
     def _fit_by_itself(self, member: Member, fitted: Callable[[Member], Fit]) -> Member:
         """Puts a member as it is by itself in the place of the one that was read off slopes."""
         objective = self._problem.fit.objective
         one = fitted(member)
         self._problem.fit.refine(one)
-        found = members(objective, one, linearised(objective, one), self._problem.noise)
+        slopes = linearised(objective, one)
+        found = members(objective, one, slopes, self._problem.noise, whole=True)
         better = {member.key, *(other.key for other in found)}
         kept = [other for other in self._members if other.key not in better]
         self._members = [*kept, *found]
         self._table = None
-        return found[0]
+        return next(member for member in found if len(member.kept) == len(one.values))
 
     def is_enough(self, smaller: Fit, full: Fit) -> bool:
         """Whether what a fit has beside a smaller one is not worth a name."""

@@ -12,7 +12,7 @@ of Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 2018.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -133,12 +133,19 @@ class Table:
 
     @property
     def best(self) -> Member:
-        """The structure that is worth most; of those that hardly differ, the first.
+        """The structure that is worth most; of those that hardly differ, the smallest.
 
         Members of a fit come with what is most usual first.
         """
-        near = self.worth >= self.worth.max() - 0.5 * PRICE_PLACE
-        return self.members[int(np.argmax(near))]
+        return self.best_of(None)
+
+    def best_of(self, keys: Collection[Hashable] | None) -> Member:
+        """The same among members of some keys; None for all."""
+        worth = self.worth
+        if keys is not None:
+            worth = np.where([member.key in keys for member in self.members], worth, -np.inf)
+        near = np.flatnonzero(worth >= worth.max() - 0.5 * PRICE_PLACE)
+        return min((self.members[k] for k in near), key=lambda member: len(member.kept))
 
     def confidence(self, effects: Collection[str]) -> float:
         """The weight of all structures that have one of some effects."""

@@ -11,11 +11,13 @@ on any machine. `stop` ends the search as soon as what is being fitted has been.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextvars import ContextVar
 from typing import Final, Literal, get_args
 
 from walkerkit.gap.errors import closest, refusal
 
+Progress = Callable[[str, float], None]  # what is being done, and how far it is (0 to 1)
 Level = Literal["quick", "normal", "thorough"]
 
 _TIMES: Final = {"quick": 4.0, "normal": 60.0, "thorough": float("inf")}
@@ -69,17 +71,21 @@ class Effort:
         return True
 
     def stop(self) -> None:
-        """Has `check` end what is being tried."""
+        """Has what is `checked` end what is being tried."""
         self.stopped = True
 
-    def check(self) -> None:
-        """To be called now and then.
+    def checked(
+        self, progress: Callable[[str, float], None] | None
+    ) -> Callable[[str, float], None]:
+        """To be called now and then: as `progress`; raises `EnoughError` once `stop` was called."""
 
-        Raises:
-            EnoughError: `stop` was called.
-        """
-        if self.stopped:
-            raise EnoughError
+        def check(stage: str, done: float) -> None:
+            if self.stopped:
+                raise EnoughError
+            if progress is not None:
+                progress(stage, done)
+
+        return check
 
 
 def counted() -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import INSENSITIVE, sensitivity
+from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Objective, consecutive, simulated_each
@@ -29,7 +30,6 @@ from walkerkit.gap.search.structure import Case, Fit, Structure
 from walkerkit.gap.simulation.side_by_side import advanced
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str, float], None]  # what is being done, and how far it is (0 to 1)
 _Polishing = Generator[Fit | Case, Any, tuple[Fit, Slopes]]
 
 _DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
@@ -344,6 +344,7 @@ def polished(
 def settled(
     half: Half,
     start: Fit,
+    near: Slopes | None = None,
     *,
     passes: int,
     iterations: int = 20,
@@ -357,6 +358,7 @@ def settled(
     Args:
         half: the recordings.
         start: structure and values; its score may be that on other recordings.
+        near: slopes of a fit to them that has numbers in common with it, to begin with.
         passes: of fitting, the most.
         iterations: of each pass, the most.
         progress: called before each step.
@@ -365,42 +367,55 @@ def settled(
     Returns:
         The best, at which the half is refined.
     """
+    objective = half.objective
 
-    def by_own_error(one: Fit) -> Fit:
-        half.refine(one)
-        return evaluate(half.objective, [(one.structure, one.values)])[0]
-
-    def improved(one: Fit) -> Fit:
-        (found,) = polished(
-            half.objective,
-            [one],
+    def improved(one: Fit, slopes: Slopes | None, *, certain: bool) -> tuple[Fit, Slopes]:
+        found, after = polish(
+            objective,
+            one,
+            slopes,
             iterations=iterations,
+            certain=certain,
             near_enough=True,
             progress=progress,
             stage=stage,
         )
-        return by_own_error(found)
+        return half.by_own_error(found), after
 
-    best = by_own_error(start)
-    for _ in range(passes):
-        found = improved(best)
-        if best.score <= found.score + _CONVERGED:
-            break
-        best = found
-    for values in _on_steps(half.objective, best):
-        there = by_own_error(replace(best, values=values))
-        if there.score < best.score - _CONVERGED:
-            best = min(there, improved(there), key=lambda one: one.score)
-    half.refine(best)
-    return best
+    def made() -> Fit:
+        best, slopes = half.by_own_error(start), None
+        if near is not None:
+            (slopes,) = near_slopes(objective, near, [best])
+        for k in range(passes):
+            found, after = improved(best, slopes, certain=k == 0)
+            if best.score <= found.score + _CONVERGED:
+                break
+            best, slopes = found, after.at_another_error(objective, found)
+        for values in _on_steps(objective, best):
+            there = half.by_own_error(replace(best, values=values))
+            if there.score < best.score - _CONVERGED:
+                from_there, _ = improved(there, None, certain=False)
+                best = min(there, from_there, key=lambda one: one.score)
+        return best
+
+    return _in_one(half, start, made)
 
 
-def robustly(half: Half, one: Fit, noise: FloatArray, *, passes: int, iterations: int) -> Fit:
+def robustly(
+    half: Half,
+    one: Fit,
+    slopes: Slopes,
+    noise: FloatArray,
+    *,
+    passes: int,
+    iterations: int,
+) -> Fit:
     """A fit moved to where wild blocks do not outvote the rest, as they do not in the comparison.
 
     Args:
         half: the recordings.
         one: the fit, to them.
+        slopes: there, with what they are with the numerical error in them.
         noise: (n_scored,) of the measurement.
         passes: of weighting blocks by how wild they are, and fitting again.
         iterations: of each pass, the most.
@@ -416,18 +431,31 @@ def robustly(half: Half, one: Fit, noise: FloatArray, *, passes: int, iterations
         found: FloatArray = half.objective.residuals([one.case])[0][0]
         return found
 
-    residual = seen(one)
-    wildness = Wildness(half.objective, residual, noise)
-    for _ in range(passes):
-        trusting = half.trusting(wildness.trust(residual))
-        trusting.refine(one)
-        (better,) = polished(trusting.objective, [one], iterations=iterations, near_enough=True)
-        there = seen(better)
-        if wildness.density(there) <= wildness.density(residual):
-            break
-        one, residual = better, there
-    half.refine(one)
-    return evaluate(half.objective, [(one.structure, one.values)])[0]
+    def made() -> Fit:
+        best, residual = one, seen(one)
+        wildness = Wildness(half.objective, residual, noise)
+        for _ in range(passes):
+            trusting = half.trusting(wildness.trust(residual))
+            trusting.refine(best)
+            its = slopes.trusting(trusting.objective, best)
+            better, _ = polish(trusting.objective, best, its, iterations=iterations, certain=False)
+            there = seen(better)
+            if wildness.density(there) <= wildness.density(residual):
+                break
+            best, residual = better, there
+        return best
+
+    return _in_one(half, one, made)
+
+
+def _in_one(half: Half, start: Fit, make: Callable[[], Fit]) -> Fit:
+    """A fit that is one step of the journal, at which the half is refined.
+
+    What the half knows of numerical errors afterwards is what it knows where the journal has it.
+    """
+    (found,) = _finished([(start.structure, start.values)], lambda: [make()])
+    half.objective.forget(found.case)
+    return half.by_own_error(found)
 
 
 def _on_steps(objective: Objective, one: Fit) -> Iterator[FloatArray]:
@@ -438,7 +466,7 @@ def _on_steps(objective: Objective, one: Fit) -> Iterator[FloatArray]:
     lower, upper = one.structure.bounds
     step = max(replay.robot.model.opt.timestep for replay in objective.replays)
     for k, slot in enumerate(one.structure.slots):
-        if slot.parameter.name == "delay" and lower[k] < one.values[k] < upper[k]:
+        if slot.parameter.is_delay and lower[k] < one.values[k] < upper[k]:
             for to_step in (np.floor, np.ceil):
                 values = one.values.copy()
                 values[k] = np.clip(step * to_step(values[k] / step), lower[k], upper[k])

@@ -8,15 +8,19 @@ the recordings do not want them, so that it uses up no name.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from walkerkit.gap.effects import Effect
-from walkerkit.gap.search.fit import Progress, settled
+from walkerkit.gap.effects import Effect, Parameter
+from walkerkit.gap.search.effort import Progress
+from walkerkit.gap.search.fit import polished, settled
+from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.structure import Fit, Structure, carried
+from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 
+_STEPS = 20  # of a fit to a part, the most
 _PASSES = 2  # of fitting and finding the numerical error again
 
 
@@ -25,6 +29,7 @@ def ground(
     effects: Sequence[Effect],
     nothing: Fit,
     progress: Progress | None = None,
+    first: Callable[[Fit], None] | None = None,
 ) -> Fit:
     """Fits all ordinary effects at all joints together.
 
@@ -33,6 +38,7 @@ def ground(
         effects: the catalogue; its ordinary effects are the ground.
         nothing: what they come on top of.
         progress: called before each step.
+        first: called with their values on a few stretches, which are there in seconds.
 
     Returns:
         Their most probable values, on all recordings that are fitted.
@@ -49,6 +55,55 @@ def ground(
         mean_square=np.full(len(problem.channels), np.inf),
     )
     problem.searched.look_at(nothing.case)
-    for half, passes in ((problem.screen, 1), (problem.race, 1), (problem.fit, _PASSES)):
-        found = settled(half, found, passes=passes, progress=progress, stage="ordinary effects")
+    stage = "ordinary effects"
+    for part in problem.parts:
+        if part is not problem.fit:
+            found = _fitted_to_a_part(part, found, progress, stage, first)
+            first = None
+    found = settled(problem.fit, found, passes=_PASSES, progress=progress, stage=stage)
+    if first is not None:
+        first(found)
     return found
+
+
+def _fitted_to_a_part(
+    part: Half,
+    start: Fit,
+    progress: Progress | None,
+    stage: str,
+    first: Callable[[Fit], None] | None,
+) -> Fit:
+    """A fit to little of the recordings, with all at once or without delays first.
+
+    A delay stands in for friction and gains where it is let loose first, and may not come back.
+    """
+    part.refine(start)
+
+    def improved(one: Fit) -> Fit:
+        (found,) = polished(
+            part.objective,
+            [one],
+            iterations=_STEPS,
+            near_enough=True,
+            progress=progress,
+            stage=stage,
+        )
+        return found
+
+    structure = start.structure
+    prompt = [t for t in structure.terms if not any(p.is_delay for p in _parameters(structure, t))]
+    found = improved(start)
+    if first is not None:
+        first(found)
+    if 0 < len(prompt) < len(structure.terms):
+        fewer = Structure(tuple(prompt), structure.robots)
+        values = carried(start.values, structure, fewer)
+        without = improved(replace(start, structure=fewer, values=values))
+        values = carried(without.values, fewer, structure)
+        late_last = improved(replace(start, structure=structure, values=values))
+        found = min(found, late_last, key=lambda one: one.score)
+    return found
+
+
+def _parameters(structure: Structure, term: Term) -> list[Parameter]:
+    return [structure.slots[k].parameter for k in structure.columns(term)]

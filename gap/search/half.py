@@ -81,6 +81,12 @@ class Half:
 
         return replace(self, objective=self.objective.trusting(trust), make_finer=finer)
 
+    def by_own_error(self, fit: Fit) -> Fit:
+        """A fit with the score that it has in the light of its own numerical error."""
+        self.refine(fit)
+        (residual,) = self.objective.residuals([fit.case])[0]
+        return self.objective.at(fit, residual)
+
     def refine(self, fit: Fit, residual: FloatArray | None = None) -> None:
         """Finds the simulation's numerical error at a fit, whose residual with it may be known."""
         self.objective.refine(self.finer, fit.case, residual)

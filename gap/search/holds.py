@@ -4,7 +4,7 @@
 
 A drive holds its last command, but a log at the rate of the control loop itself is better read
 between samples than held for a simulation that is faster than the loop. And a log may show at the
-end of a period what was commanded in it.
+end of a period what was commanded in it. What was named tells which.
 """
 
 from __future__ import annotations
@@ -13,32 +13,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.search.buildable import buildable
-from walkerkit.gap.search.effort import Effort
-from walkerkit.gap.search.fit import Progress, evaluate, polished
-from walkerkit.gap.search.naming import Explanation, leaves_nothing, name_effects
-from walkerkit.gap.search.objective import refine
+from walkerkit.gap.search.effort import Effort, Progress
+from walkerkit.gap.search.fit import settled
+from walkerkit.gap.search.naming import Explanation, begin, leaves_nothing, name_effects
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.slopes import Slopes, linearised
 from walkerkit.gap.search.structure import Fit, Structure, carried
 from walkerkit.gap.simulation.commands import Hold
 
-FloatArray = NDArray[np.float64]
-
-_FLEXIBLE_STEPS = 8
-_FLEXIBLE = (
-    "viscous_friction",
-    "coulomb_friction",
-    "armature",
-    "position_gain",
-    "velocity_gain",
-    "torque_bias",
-)
 _OTHERS: tuple[Hold, ...] = ("linear", "next")
-_LATE = ("command_delay", "sensor_delay", "loop_delay")
 _LONGER = 1.2  # samples in a step, which jitter does not make
+_PASSES = 2  # of a fit with other targets
 _MARGIN = 0.1  # the score by which other targets have to be better than held ones
 
 
@@ -59,38 +47,31 @@ def name_with_best_hold(
         effects: the catalogue.
         progress: called now and then.
         effort: how much is tried.
-        first: called with what is to be explained and its plain fit, as soon as that is there.
+        first: called with what is to be explained and its plain fit to a few stretches.
 
     Returns:
         What is explained, and the explanation as `name_effects` has it.
     """
-    problem = make_problem(known or "zero_order")
-    effort = effort or Effort()
+    problem, effort = make_problem(known or "zero_order"), effort or Effort()
 
     def plain(one: Fit) -> None:
         if first is not None:
             first(problem, one)
 
-    explanation = name_effects(problem, effects, progress, effort=effort, first=plain)
-    at_floor = leaves_nothing(problem, explanation.fit)
-    if known is not None or not explanation.searched or at_floor or _skips_targets(problem):
-        return problem, explanation
-    if not effort.allows("targets read otherwise between their samples"):
-        return problem, replace(explanation, untried=tuple(effort.untried))
-    others = [make_problem(one) for one in _OTHERS]
-    flexible, *promised_by = _flexible_scores([problem, *others], explanation.fit)
-    score = _score(problem, explanation)
-    worst = max(flexible, score)
-    for promised, other in sorted(zip(promised_by, others, strict=True), key=lambda one: one[0]):
-        if worst - promised < _MARGIN:
-            break
-        found = name_effects(other, effects, progress, effort=effort)
-        named = {one.term.effect.name for one in found.named}
-        # Of the next row and late by as much is held, which the first search did not get right.
-        undone = other.hold == "next" and not named.isdisjoint(_LATE)
-        if _score(other, found) < score - _MARGIN and not undone:
-            return other, found
-    return problem, explanation
+    begun = begin(problem, effects, progress, effort=effort, first=plain)
+    explanation = name_effects(problem, effects, progress, effort=effort, begun=begun)
+    if known is None and begun.searched and not _skips_targets(problem):
+        others = [make_problem(one) for one in _OTHERS]
+        better = _better_read(problem, others, explanation.fit, effort)
+        if better is not None:
+            found = name_effects(better, effects, progress, effort=effort)
+            after, before = (
+                one.fit.by_own_error(its.fit).score
+                for one, its in ((better, found), (problem, explanation))
+            )
+            if after < before - _MARGIN:
+                return better, found
+    return problem, replace(explanation, untried=tuple(effort.untried))
 
 
 def _skips_targets(problem: Problem) -> bool:
@@ -100,53 +81,43 @@ def _skips_targets(problem: Problem) -> bool:
     return bool(step * fastest > _LONGER)
 
 
-def _score(problem: Problem, explanation: Explanation) -> float:
-    """How well what was named explains the recordings, in the light of its own numerical error."""
-    problem.fit.refine(explanation.fit)
-    one = explanation.fit
-    return evaluate(problem.fit.objective, [(one.structure, one.values)])[0].score
+def _better_read(
+    problem: Problem, others: Sequence[Problem], known: Fit, effort: Effort
+) -> Problem | None:
+    """Of the others the one whose targets suit what is known best; None where none is better.
 
-
-def _flexible_scores(problems: Sequence[Problem], named: Fit) -> list[float]:
-    """How well what was named explains each problem's recordings beside a drive that is free.
-
-    Its friction, inertia, gains and bias. From what was named, as fits from nothing get stuck where
-    much is missing, and would compare where they did; and from nothing, as what was named may stand
-    in for other targets, and is in the way where these are right.
+    With all that is ordinary beside it, which may stand in for other targets.
     """
-    every, starts, races = [], [], []
-    for problem in problems:
-        beside = [_beside_a_free_drive(problem, named.structure, named.values)]
-        if named.structure.terms:
-            beside.append(_beside_a_free_drive(problem, problem.nothing, np.zeros(0)))
-        for start in beside:
-            problem.searched.look_at(start.case)
-            every.append(problem)
-            starts.append(start)
-            races.append((problem.race.objective.apart(), problem.race.finer, start.case))
-    refine(races)
-    objectives = [objective for objective, *_ in races]
-    fits = polished(
-        objectives[0], starts, iterations=_FLEXIBLE_STEPS, certain=False, own=objectives
-    )
-    found: dict[int, float] = {}
-    for problem, one in zip(every, fits, strict=True):
-        problem.fit.refine(one)
-        (own,) = evaluate(problem.fit.objective, [(one.structure, one.values)])
-        found[id(problem)] = min(own.score, found.get(id(problem), np.inf))
-    return [found[id(problem)] for problem in problems]
+    if leaves_nothing(problem, known) or not effort.allows(
+        "targets read otherwise between their samples"
+    ):
+        return None
+    problem.fit.refine(known)
+    before = _beside_all_that_is_ordinary(problem, known)
+    slopes: Slopes | None = linearised(problem.fit.objective, before)
+    if before.structure.key == known.structure.key:
+        before = problem.fit.by_own_error(before)
+    else:
+        before, slopes = settled(problem.fit, before, slopes, passes=_PASSES), None
+    found = [settled(other.fit, before, slopes, passes=_PASSES) for other in others]
+    best = int(np.argmin([one.score for one in found]))
+    if found[best].score < before.score - _MARGIN:
+        # What it has found may be better with held targets, too.
+        again = settled(problem.fit, found[best], passes=_PASSES)
+        if found[best].score < again.score - _MARGIN:
+            return others[best]
+    return None
 
 
-def _beside_a_free_drive(problem: Problem, known: Structure, values: FloatArray) -> Fit:
-    """What was known and a drive whose numbers are free, to be fitted."""
-    present = {term.effect.name for term in known.terms}
-    wanted = [CATALOGUE[name] for name in _FLEXIBLE if name not in present]
-    effects, _ = buildable(wanted, problem.robots, problem.joints)
-    terms = problem.terms(effects)
-    structure = Structure((*known.terms, *terms), problem.robots)
+def _beside_all_that_is_ordinary(problem: Problem, known: Fit) -> Fit:
+    """What is known and all that every model has a little wrong, to be fitted."""
+    present = {term.effect.name for term in known.structure.terms}
+    ordinary = [e for e in CATALOGUE.values() if e.ordinary and e.name not in present]
+    effects, _ = buildable(ordinary, problem.robots, problem.joints)
+    structure = Structure((*known.structure.terms, *problem.terms(effects)), problem.robots)
     return Fit(
         structure=structure,
-        values=carried(values, known, structure),
+        values=carried(known.values, known.structure, structure),
         score=np.inf,
         mean_square=np.full(len(problem.channels), np.inf),
     )

@@ -23,9 +23,10 @@ from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book, known_errors
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN, NUMERICAL_LEFT
-from walkerkit.gap.search.effort import Effort, EnoughError
-from walkerkit.gap.search.fit import Progress, evaluate, polished, robustly, settled
+from walkerkit.gap.search.effort import Effort, EnoughError, Progress
+from walkerkit.gap.search.fit import evaluate, polished, robustly, settled
 from walkerkit.gap.search.ground import ground
+from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
@@ -49,6 +50,7 @@ _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its
 _REFITS, _PASSES = 8, 3
 _WEIGHINGS, _REWEIGHED = 4, 3  # of blocks by how wild they are, and steps of a fit with each
 _NTH = ("a first", "a second", "a third", "a fourth")
+_LONGEST_WITH_LAWS = 20_000  # steps of a rollout, which come one after the other
 _AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
 _AS_GOOD = 0.02  # of a score
 
@@ -99,13 +101,61 @@ class Explanation:
     untried: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Begun:
+    """What stands before any rare effect is looked for.
+
+    Attributes:
+        book: what was fitted.
+        plain: the fit of all that is ordinary.
+        searched: whether anything is to be looked for: the model as given leaves a gap.
+    """
+
+    book: Book
+    plain: Fit
+    searched: bool
+
+
+def begin(
+    problem: Problem,
+    effects: Sequence[Effect],
+    progress: Progress | None = None,
+    *,
+    effort: Effort,
+    first: Callable[[Fit], None] | None = None,
+) -> Begun:
+    """Fits the model as given, and all that is ordinary on top of it.
+
+    Args:
+        problem: what is to be explained.
+        effects: the catalogue, or a part of it.
+        progress: called now and then.
+        effort: what the plain fit takes is what others are counted against.
+        first: called with the plain fit to a few stretches, before it is fitted to the rest.
+    """
+    (given,) = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])
+    book = Book(problem)
+    nothing = as_simulated_well(problem, effects, given)
+    problem.fit.refine(nothing)
+    nothing = book.add(nothing)
+    if not effects or leaves_nothing(problem, nothing):
+        return Begun(book=book, plain=nothing, searched=False)
+    plain = nothing
+    with contextlib.suppress(EnoughError):
+        found = ground(problem, effects, nothing, effort.checked(progress), first)
+        if found is not nothing:
+            plain = book.add(found)
+    effort.ground_is_done()
+    return Begun(book=book, plain=plain, searched=True)
+
+
 def name_effects(
     problem: Problem,
     effects: Sequence[Effect],
     progress: Progress | None = None,
     *,
     effort: Effort | None = None,
-    first: Callable[[Fit], None] | None = None,
+    begun: Begun | None = None,
 ) -> Explanation:
     """Names what explains the recordings that are fitted.
 
@@ -114,31 +164,23 @@ def name_effects(
         effects: the catalogue, or a part of it.
         progress: called now and then.
         effort: how much is tried.
-        first: called with the plain fit of all that is ordinary, before anything else is tried.
+        begun: what `begin` has of it, where that is known.
 
     Returns:
         The explanation, which is empty where nothing is missing.
     """
-    (given,) = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])
-    book = Book(problem)
-    nothing = as_simulated_well(problem, effects, given)
-    problem.fit.refine(nothing)
-    nothing = book.add(nothing)
-    if not effects or leaves_nothing(problem, nothing):
-        return _explanation(problem, book, nothing, searched=False)
-    search = _Search(problem, book, effort or Effort(), progress)
+    effort = effort or Effort()
+    begun = begun or begin(problem, effects, progress, effort=effort)
+    book = begun.book
+    if not begun.searched:
+        return _explanation(problem, book, begun.plain, searched=False)
+    search = _Search(problem, book, effort, progress)
     with contextlib.suppress(EnoughError):
-        current = ground(problem, effects, nothing, search.progress)
-        if current is not nothing:
-            current = book.add(current)
-            if first is not None:
-                first(current)
-        search.effort.ground_is_done()
-        search.rare([effect for effect in effects if not effect.ordinary], current)
+        search.rare([effect for effect in effects if not effect.ordinary], begun.plain)
     book.fit_what_is_in_the_running(lambda member: only_needed(problem, member))
     problem.fit.refine(book.best.fit)
     found = _explanation(problem, book, book.best.fit, searched=True)
-    return replace(found, untried=tuple(search.effort.untried))
+    return replace(found, untried=tuple(effort.untried))
 
 
 class _Search:
@@ -152,18 +194,8 @@ class _Search:
     """
 
     def __init__(self, problem: Problem, book: Book, effort: Effort, progress: Progress | None):
-        self._problem, self._book, self.effort = problem, book, effort
-        self._progress = progress
-
-    def progress(self, stage: str, done: float) -> None:
-        """Tells how far it is.
-
-        Raises:
-            EnoughError: the search is to end.
-        """
-        self.effort.check()
-        if self._progress is not None:
-            self._progress(stage, done)
+        self._problem, self._book, self._effort = problem, book, effort
+        self._progress = effort.checked(progress)
 
     def rare(self, effects: Sequence[Effect], current: Fit) -> None:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
@@ -178,10 +210,10 @@ class _Search:
         """The structure that the table prefers, with as many rare effects as it wants."""
         problem, book = self._problem, self._book
         while not leaves_nothing(problem, current) and len(_rare(current)) < MOST_RARE:
-            if not self.effort.allows(f"{_NTH[len(_rare(current))]} rare effect"):
+            if not self._effort.allows(f"{_NTH[len(_rare(current))]} rare effect"):
                 break
             near = book.slopes(current)
-            for one in proposals(problem, current, near, effects, self.progress):
+            for one in proposals(problem, current, near, effects, self._progress):
                 book.add(one, beside=current)
             best = book.best.fit
             if len(_rare(best)) <= len(_rare(current)):
@@ -194,7 +226,7 @@ class _Search:
         problem, book = self._problem, self._book
         for term in _rare(current)[:-1]:  # the last met the others when it was added
             name = term.effect.name
-            if not self.effort.allows(f"others in the place of {name}"):
+            if not self._effort.allows(f"others in the place of {name}"):
                 continue
             others = book.add(_without(problem, current, [term]))
             always = [e.name for e in effects if e.name in term.effect.extends]
@@ -206,7 +238,7 @@ class _Search:
             ]
             near = book.slopes(others)
             for one in proposals(
-                problem, others, near, rivals, self.progress, pairs=False, always=always
+                problem, others, near, rivals, self._progress, pairs=False, always=always
             ):
                 book.add(one, beside=others)
 
@@ -280,22 +312,28 @@ def only_needed(problem: Problem, member: Member) -> Fit:
     """
     objective = problem.fit.objective
     found = _by_itself(problem, member)
+    slopes = linearised(objective, found)
     while found.structure.terms:
-        slopes = linearised(objective, found)
         unknown, unfounded = _not_known(problem, found, slopes)
         if unfounded is not None:
             fewer = found.structure.without_term(unfounded)
-            found = _settled(problem, found, fewer, carried(found.values, found.structure, fewer))
+            values = carried(found.values, found.structure, fewer)
+            found = _settled(problem, found, fewer, values, slopes)
+            slopes = linearised(objective, found)
             continue
         smaller, *_ = members(objective, found, slopes, problem.noise, without=unknown)
         if len(smaller.kept) == len(found.values):
             break
-        fewer_needed = _by_itself(problem, smaller)
+        fewer_needed = _by_itself(problem, smaller, slopes)
         if not unknown and fewer_needed.score > found.score + LEAST_GAIN:
             problem.fit.refine(found)
             break
-        found = fewer_needed
-    return robustly(problem.fit, found, problem.noise, passes=_WEIGHINGS, iterations=_REWEIGHED)
+        found, slopes = fewer_needed, linearised(objective, fewer_needed)
+    return _robustly(problem.fit, found, slopes, problem.noise)
+
+
+def _robustly(half: Half, found: Fit, slopes: Slopes, noise: FloatArray) -> Fit:
+    return robustly(half, found, slopes, noise, passes=_WEIGHINGS, iterations=_REWEIGHED)
 
 
 def _not_known(
@@ -319,15 +357,18 @@ def _not_known(
     return [(name, place) for place, (_, name) in least.items()], None
 
 
-def _by_itself(problem: Problem, member: Member) -> Fit:
+def _by_itself(problem: Problem, member: Member, near: Slopes | None = None) -> Fit:
     """A member fitted in the light of its own numerical error, from what slopes say of it."""
     structure, whole = _of_kept(member), member.fit.structure
-    return _settled(problem, member.fit, structure, carried(member.values, whole, structure))
+    values = carried(member.values, whole, structure)
+    return _settled(problem, member.fit, structure, values, near)
 
 
-def _settled(problem: Problem, source: Fit, structure: Structure, values: FloatArray) -> Fit:
+def _settled(
+    problem: Problem, source: Fit, structure: Structure, values: FloatArray, near: Slopes | None
+) -> Fit:
     start = replace(source, structure=structure, values=np.clip(values, *structure.bounds))
-    return settled(problem.fit, start, passes=_PASSES, iterations=_REFITS)
+    return settled(problem.fit, start, near, passes=_PASSES, iterations=_REFITS)
 
 
 def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: str) -> Fit | None:
@@ -442,17 +483,25 @@ def _over_whole(problem: Problem, current: Fit) -> Fit | None:
     rollouts diverge, as of a robot that is not stable, only stretches tell what is right.
     """
     whole = problem.whole
-    if whole is problem.fit or not len(current.values):
+    if whole is problem.fit or not len(current.values) or _takes_long(problem, current):
         return None
     whole.refine(current)
     (found,) = polished(whole.objective, [current], iterations=_REFITS)
-    found = robustly(whole, found, problem.noise, passes=_WEIGHINGS, iterations=_REWEIGHED)
+    slopes = linearised(whole.objective, found)
+    found = _robustly(whole, found, slopes, problem.noise)
     problem.fit.refine(current)
     before, after = (
         evaluate(problem.fit.objective, [(one.structure, one.values)])[0]
         for one in (current, found)
     )
     return found if after.score < before.score + _AS_GOOD else None
+
+
+def _takes_long(problem: Problem, current: Fit) -> bool:
+    """Whether laws run step by step over rollouts that are much longer than stretches."""
+    trials = [current.structure.trials(robot, current.values[None]) for robot in problem.robots]
+    longest = max(replay.longest for replay in problem.fit.told)
+    return any(one.laws or one.numbers for one in trials) and longest > _LONGEST_WITH_LAWS
 
 
 def leaves_nothing(problem: Problem, current: Fit) -> bool:

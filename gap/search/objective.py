@@ -39,6 +39,7 @@ _LEAST_FLOOR = 1e-9  # of logs without any noise
 _PASSES = 3  # of freeing a gap of errors of its starts, and finding what is left of it
 _SAMPLES_OF_PRIOR = 10  # for each that is independent
 _BLOCK = 0.5  # s; longer than the memory of a joint's error
+_FOLDS = 10  # of cross-validation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +103,7 @@ class Objective:
         self._refined: deque[tuple[Hashable, FloatArray, NumericalError]] = deque(
             maxlen=_REMEMBERED
         )
-        self._root: FloatArray | None = None  # of how much each row counts
+        self.root: FloatArray | None = None  # (rows, n_scored) of how much each counts
         self._coarse = False
         self._level: tuple[NumericalError, FloatArray] | None = None
 
@@ -118,13 +119,23 @@ class Objective:
         """
         other = copy(self)
         other._refined = deque(maxlen=_REMEMBERED)
-        other._root = np.sqrt(trust)[self.block]
+        other.root = np.sqrt(trust)[self.block]
         other.leave_as_simulated()
         return other
 
     def leave_as_simulated(self) -> None:
         """Takes no numerical error out of what will be simulated."""
         self.numerical = NumericalError.none(self.measured.shape)
+
+    def forget(self, but: Case) -> None:
+        """Forgets all numerical errors but that at one row of values."""
+        kept = [
+            one
+            for one in self._refined
+            if one[0] == but.structure.key and np.array_equal(one[1], but.values[0])
+        ]
+        self._refined.clear()  # which others share
+        self._refined.extend(kept)
 
     def refine(
         self, finer: Mapping[Way, Objective], case: Case, own: FloatArray | None = None
@@ -136,7 +147,7 @@ class Objective:
         """Whether the numerical error is known at these values, nearly; it is that one then."""
         structure, values = case.structure, case.values[0]
         # The error of a delay between two steps is another than that of whole steps.
-        late = np.array([slot.parameter.name == "delay" for slot in structure.slots], dtype=bool)
+        late = np.array([slot.parameter.is_delay for slot in structure.slots], dtype=bool)
         near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
         for key, at, error in self._refined:
             if key == structure.key and (np.abs(values - at) <= near).all():
@@ -205,6 +216,25 @@ class Objective:
     def block(self) -> NDArray[np.int64]:
         """(rows,) index of the stretch of about half a second that a row belongs to."""
         return _blocks(self.replays)
+
+    @cached_property
+    def folds(self) -> NDArray[np.int64]:
+        """(n_blocks,) index of the part of a recording, a tenth of all at most, of each block."""
+        first = np.flatnonzero(np.diff(self.block, prepend=-1))
+        recordings = [
+            id(replay.segments[k].recording)
+            for replay in self.replays
+            for k in replay.segment_of_row
+        ]
+        of_block = [recordings[row] for row in first]
+        folds, most = np.empty(len(first), dtype=np.int64), max(1, len(first) / _FOLDS)
+        count = 0
+        for recording in dict.fromkeys(of_block):
+            own = [b for b, other in enumerate(of_block) if other == recording]
+            parts = -(-len(own) // most)
+            folds[own] = count + np.arange(len(own)) * parts // len(own)
+            count += int(parts)
+        return folds
 
     @cached_property
     def spans(self) -> tuple[list[slice], FloatArray]:
@@ -509,7 +539,7 @@ def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[
     for (one, _), mine in zip(wanted, each, strict=True):
         new = one._less_measured([next(predicted) for _ in one.replays]) if mine.unknown else None
         residual = mine.filled(new)
-        found.append(residual if one._root is None else residual * one._root)
+        found.append(residual if one.root is None else residual * one.root)
     return found
 
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.decision import LEAST_GAIN
-from walkerkit.gap.search.fit import Progress, evaluate, fit, polished
+from walkerkit.gap.search.effort import Progress
+from walkerkit.gap.search.fit import evaluate, fit, polished
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
 from walkerkit.gap.search.slopes import Slopes, slopes_to_carry

@@ -37,6 +37,7 @@ def members(
     noise: FloatArray,
     *,
     without: Sequence[Unit] = (),
+    whole: bool = False,
 ) -> list[Member]:
     """The most probable structure within a fit, and those without each of its ordinary effects.
 
@@ -46,10 +47,13 @@ def members(
         slopes: its slopes there.
         noise: (n_scored,) of the measurement.
         without: what none of them has.
+        whole: also the fit with all that it has.
     """
     reduction = _Reduction(objective, one, slopes, noise)
     best = reduction.best(without)
     found = [best]
+    if whole and len(best.kept) < len(one.values):
+        found.append(reduction.whole)
     for name in best.effects:
         units = [unit for unit in reduction.units if unit[0] == name or unit in without]
         if any(unit not in without for unit in units):
@@ -84,6 +88,11 @@ class _Reduction:
         residual = self._slopes.far(self._objective, self._moved(dropped))
         mean_square = self._objective.mean_square(residual[None])
         return float(self._objective.score(mean_square)[0])
+
+    @property
+    def whole(self) -> Member:
+        """The structure of the fit."""
+        return self._member([])
 
     def best(self, first: Sequence[Unit]) -> Member:
         """The most probable structure that lacks some units."""

@@ -7,7 +7,7 @@ slopes.follow(step, residual, weights)    # where the fit moves on
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,34 @@ class Slopes:
     def correct(self, objective: Objective) -> None:
         """Takes out the numerical error."""
         self.residual, self.jacobian = objective.corrected(self.residual, self.jacobian)
+
+    def at_another_error(self, objective: Objective, one: Fit) -> Slopes:
+        """The same, of a fit that they have followed, where other numerical errors are taken out.
+
+        These change what the numbers change by little.
+        """
+        (residual,) = objective.residuals([one.case])[0]
+        return replace(
+            self, residual=residual, fresh=False, right=True, sure=True, uncorrected=None
+        )
+
+    def trusting(self, objective: Objective, one: Fit) -> Slopes:
+        """The same, of a fit near by, of recordings of which some blocks count less."""
+        (residual,) = objective.simulated([one.case])[0]
+        jacobian = self.as_simulated.copy()
+        if objective.root is not None:
+            jacobian *= objective.root
+        found = replace(
+            self,
+            residual=residual,
+            jacobian=jacobian,
+            fresh=False,
+            right=True,
+            sure=True,
+            uncorrected=None,
+        )
+        found.correct(objective)
+        return found
 
     def score(self, objective: Objective, step: FloatArray) -> float:
         """The score that they foretell after a step, (n_parameters,) in scales."""

@@ -247,7 +247,7 @@ def candidate_terms(
     return tuple(terms)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
     """Some values of a structure, to be simulated.
 
@@ -269,7 +269,7 @@ class Case:
         return trials
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
     """A structure with its fitted values.
 

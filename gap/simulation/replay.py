@@ -112,6 +112,11 @@ class Replay:
         """Simulation steps that one trial takes."""
         return sum(len(group.segments) * group.steps for group in self._groups)
 
+    @property
+    def longest(self) -> int:
+        """Steps of its longest segment."""
+        return max((group.steps for group in self._groups), default=0)
+
     def on(self, robot: Robot, channels: Sequence[Channel] | None = None) -> Replay:
         """The same segments on another robot; of other channels where these are given."""
         return Replay(

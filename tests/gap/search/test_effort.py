@@ -62,7 +62,7 @@ def test_what_is_stopped_keeps_what_it_has(problem: Problem) -> None:
 
     found = name_effects(problem, FEW, progress, effort=effort)
     with pytest.raises(EnoughError):
-        effort.check()
+        effort.checked(None)("", 0.0)
     assert stages[-1].startswith("2 candidates")
     # The plain fit stands, and nothing rare was tried.
     assert not any(name in ("torque_bias", "parallel_spring") for _, name in found.gains)
@@ -80,16 +80,18 @@ def test_the_plain_fit_is_told_before_the_rest(tmp_path: Path) -> None:
     def first(answer: FirstAnswer) -> None:
         answers.append(answer)
         saved = json.loads((out / FILE).read_text(encoding="utf-8"))
-        assert saved["after"] == answer.after
+        assert saved["signals"]["position"][1] == answer.signals["position"][1]
 
     result = gap.diagnose(
         model, rehearsal.recordings, effects=["viscous_friction"], first=first, out=out
     )
     (answer,) = answers
     assert answer.effects == ("viscous_friction",)
-    assert answer.before == result.diagnosis.gap.position.before
-    assert answer.after < 0.5 * answer.before
-    assert "takes the held-out gap from" in answer.sentence
+    before, after, unit = answer.signals["position"]
+    assert before == result.diagnosis.gap.position.before
+    assert after < 0.5 * before
+    assert unit == "rad"
+    assert "takes the held-out gap of position from" in answer.sentence
     assert not (out / FILE).exists()
     assert np.isfinite(answer.seconds)
 

@@ -717,7 +717,8 @@ class TestRobustly:
         tried = structure([robot], viscous_friction=["hip"])
         (start,) = evaluate(half.objective, [(tried, np.array([0.25]))])
         drawn = settled(half, start, passes=1)
-        found = robustly(half, drawn, np.full(1, 1e-3), passes=4, iterations=4)
+        slopes = linearised(half.objective, drawn)
+        found = robustly(half, drawn, slopes, np.full(1, 1e-3), passes=4, iterations=4)
         assert abs(found.values[0] - 0.25) < 0.2 * abs(drawn.values[0] - 0.25)
         assert found.values[0] == pytest.approx(0.25, rel=0.03)
 
