@@ -84,9 +84,7 @@ class Slopes:
         These change what the numbers change by little.
         """
         (residual,) = objective.residuals([one.case])[0]
-        return replace(
-            self, residual=residual, fresh=False, right=True, sure=True, uncorrected=None
-        )
+        return self._believed(residual, self.jacobian)
 
     def trusting(self, objective: Objective, one: Fit) -> Slopes:
         """The same, of a fit near by, of recordings of which some blocks count less."""
@@ -94,7 +92,13 @@ class Slopes:
         jacobian = self.as_simulated.copy()
         if objective.root is not None:
             jacobian *= objective.root
-        found = replace(
+        found = self._believed(residual, jacobian)
+        found.correct(objective)
+        return found
+
+    def _believed(self, residual: FloatArray, jacobian: FloatArray) -> Slopes:
+        """Slopes that are right, though they are not of this very fit."""
+        return replace(
             self,
             residual=residual,
             jacobian=jacobian,
@@ -103,8 +107,6 @@ class Slopes:
             sure=True,
             uncorrected=None,
         )
-        found.correct(objective)
-        return found
 
     def score(self, objective: Objective, step: FloatArray) -> float:
         """The score that they foretell after a step, (n_parameters,) in scales."""

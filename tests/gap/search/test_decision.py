@@ -21,7 +21,6 @@ NUMERICS = {
     "_ORDER",
     "_OUTLIER",
     "_OUT_OF_REACH",
-    "_OUT_OF_THE_RUNNING",
     "_RIDGES",
     "_SEED",
     "_SLOW",
