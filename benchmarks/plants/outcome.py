@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from benchmarks.hidden.outcome import Outcome
 
 SHOWS = 1.2
 """From where on a plant shows: by so much it raises the held-out gap of some signal."""
+
+
+Compared = tuple[str, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +31,7 @@ class PlantedOutcome:
         best_commit: of the code that fitted the best model.
         outcome: what was said of it beside the truth; its verdict is `impossible` where the log
             cannot have the error, and `silent` where the error does not show and nothing was asked.
+        table: of every structure that was compared what it has, its elpd and its log prior odds.
     """
 
     case: str
@@ -39,6 +43,7 @@ class PlantedOutcome:
     commit: str
     best_commit: str
     outcome: Outcome
+    table: Sequence[Compared] = ()
 
     @property
     def shows(self) -> bool:

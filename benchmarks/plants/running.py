@@ -16,7 +16,7 @@ from benchmarks.hidden.saying import alike, places, said
 from benchmarks.plants.best import Best, best_model, commit
 from benchmarks.plants.cases import AS_GIVEN, CONTROL, PlantedCase
 from benchmarks.plants.kinds import KINDS, SIGN_FLIP, Planted, Setting
-from benchmarks.plants.outcome import PlantedOutcome, shows
+from benchmarks.plants.outcome import Compared, PlantedOutcome, shows
 from benchmarks.rivals.logs import LOGS, write_experiments
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
@@ -64,6 +64,7 @@ def run_case(job: Job, *, effects: Sequence[str] | None = None) -> PlantedOutcom
         error = KINDS[case.kind](rng, setting)
         if error is None:
             return _of(case, best, _unasked(case, "impossible"), {}, {})
+    table: Sequence[Compared] = ()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         path = write_experiments(folder, experiments)
@@ -75,8 +76,8 @@ def run_case(job: Job, *, effects: Sequence[str] | None = None) -> PlantedOutcom
             with_it = {} if error.effect == SIGN_FLIP else gaps(path)
             if not shows(before, with_it):
                 return _of(case, best, _unasked(case, "silent"), before, with_it)
-        outcome = _asked(case, path, setting, error, effects)
-    return _of(case, best, outcome, before, with_it)
+        outcome, table = _asked(case, path, setting, error, effects)
+    return _of(case, best, outcome, before, with_it, table)
 
 
 def gaps(path: Path) -> dict[str, float]:
@@ -91,18 +92,19 @@ def _asked(
     setting: Setting,
     error: Planted | None,
     effects: Sequence[str] | None,
-) -> Outcome:
-    """What the workflow says of a manifest."""
+) -> tuple[Outcome, Sequence[Compared]]:
+    """What the workflow says of a manifest, and what it compared."""
     hidden = () if error is None else (_hidden(error, setting),)
     start = time.perf_counter()
     try:
-        found = gap.diagnose(path, effects=effects, n_threads=1, allow_outside=True).diagnosis
+        result = gap.diagnose(path, effects=effects, n_threads=1, allow_outside=True)
     except (ValueError, RuntimeError, ArithmeticError, LookupError) as raised:
         # One failure must not lose the other cases; it counts as a wrong answer.
         why = f"{type(raised).__name__}: {raised}"
         seconds = time.perf_counter() - start
-        return replace(_unasked(case, "failed", why), hidden=hidden, seconds=seconds)
-    return Outcome(
+        return replace(_unasked(case, "failed", why), hidden=hidden, seconds=seconds), ()
+    found = result.diagnosis
+    outcome = Outcome(
         case=case.name,
         tier=case.log,
         off="",
@@ -113,6 +115,8 @@ def _asked(
         after=found.gap.position.after,
         seconds=found.seconds,
     )
+    table = result.comparison[["structure", "elpd", "log_prior"]]
+    return outcome, [tuple(row) for row in table.itertuples(index=False)]
 
 
 def _wired(found: Diagnosis) -> tuple[Named, ...]:
@@ -200,6 +204,7 @@ def _of(
     outcome: Outcome,
     before: dict[str, float],
     with_it: dict[str, float],
+    table: Sequence[Compared] = (),
 ) -> PlantedOutcome:
     return PlantedOutcome(
         case=case.name,
@@ -211,4 +216,5 @@ def _of(
         commit=commit(),
         best_commit=best.commit,
         outcome=outcome,
+        table=table,
     )

@@ -153,6 +153,7 @@ def polish(
     iterations: int = 20,
     certain: bool = True,
     near_enough: bool = False,
+    leader: float = np.inf,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> tuple[Fit, Slopes]:
@@ -169,6 +170,7 @@ def polish(
         certain: slopes that were right along the last step may be wrong elsewhere; do not end on
             them.
         near_enough: for a start; also believe slopes that kept half of what they promised twice.
+        leader: a score; a fit too far behind it to catch up at its pace goes no further.
         progress: called before each step.
         stage: what it is told.
 
@@ -185,6 +187,7 @@ def polish(
                 iterations=iterations,
                 certain=certain,
                 near_enough=near_enough,
+                leader=leader,
                 progress=progress,
                 stage=stage,
             )
@@ -238,9 +241,9 @@ def _polishing(
                 step = (better.values - best.values) / best.structure.scale
                 slopes.follow(step, residual, objective.weights(better.mean_square))
                 best = better
-        if gain < _CONVERGED:
-            if fresh:
-                break
+        if gain < _CONVERGED and fresh:
+            break
+        if gain < _CONVERGED or not (near_enough or kept or slopes.right):
             slopes = yield best
     return best, slopes
 
@@ -348,6 +351,7 @@ def settled(
     *,
     passes: int,
     iterations: int = 20,
+    leader: float = np.inf,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> Fit:
@@ -361,6 +365,7 @@ def settled(
         near: slopes of a fit to them that has numbers in common with it, to begin with.
         passes: of fitting, the most.
         iterations: of each pass, the most.
+        leader: a score; a fit too far behind it to catch up at its pace goes no further.
         progress: called before each step.
         stage: what it is told.
 
@@ -377,6 +382,7 @@ def settled(
             iterations=iterations,
             certain=certain,
             near_enough=True,
+            leader=leader,
             progress=progress,
             stage=stage,
         )
@@ -391,7 +397,7 @@ def settled(
             if best.score <= found.score + _CONVERGED:
                 break
             best, slopes = found, after.at_another_error(objective, found)
-        for values in _on_steps(objective, best):
+        for values in _on_steps(objective, best) if best.score < leader else ():
             there = half.by_own_error(replace(best, values=values))
             if there.score < best.score - _CONVERGED:
                 from_there, _ = improved(there, None, certain=False)
@@ -453,8 +459,8 @@ def _in_one(half: Half, start: Fit, make: Callable[[], Fit]) -> Fit:
 
     What the half knows of numerical errors afterwards is what it knows where the journal has it.
     """
-    (found,) = _finished([(start.structure, start.values)], lambda: [make()])
-    half.objective.forget(found.case)
+    with half.objective.forgetting():
+        (found,) = _finished([(start.structure, start.values)], lambda: [make()])
     return half.by_own_error(found)
 
 

@@ -99,9 +99,10 @@ def _better_read(
         before = problem.fit.by_own_error(before)
     else:
         before, slopes = settled(problem.fit, before, slopes, passes=_PASSES), None
-    found = [settled(other.fit, before, slopes, passes=_PASSES) for other in others]
+    better = before.score - _MARGIN
+    found = [settled(other.fit, before, slopes, passes=_PASSES, leader=better) for other in others]
     best = int(np.argmin([one.score for one in found]))
-    if found[best].score < before.score - _MARGIN:
+    if found[best].score < better:
         # What it has found may be better with held targets, too.
         again = settled(problem.fit, found[best], passes=_PASSES)
         if found[best].score < again.score - _MARGIN:

@@ -9,7 +9,8 @@ gaps that are five per cent smaller.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -35,6 +36,7 @@ _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes 
 _REMEMBERED = 4  # values at which the numerical error is known
 _COARSE = 6  # times the floor; changes by more, of a finer timestep, a still finer one tells better
 _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
+_NO_MATTER = 0.03  # of a gap, which a numerical error may change
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _PASSES = 3  # of freeing a gap of errors of its starts, and finding what is left of it
 _SAMPLES_OF_PRIOR = 10  # for each that is independent
@@ -60,6 +62,47 @@ class Moves:
         if not self.shown.all():
             np.copyto(moved, 0, where=~self.shown[:, None, :])
         return moved
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Known:
+    """The numerical error at some values.
+
+    Attributes:
+        structure: what they are values of.
+        values: (n_parameters,).
+        error: the error.
+        size: (n_scored,) root mean square of it.
+    """
+
+    structure: Structure
+    values: FloatArray
+    error: NumericalError
+    size: FloatArray
+
+    def suits(self, structure: Structure, values: FloatArray, gap: FloatArray) -> bool:
+        """Whether it is as good as that at other values.
+
+        Either these are nearly the same, or it is small beside the gap and all that is there was
+        there, too.
+
+        Args:
+            structure: what they are values of.
+            values: (n_parameters,).
+            gap: (n_scored,) that they leave, with the numerical error in it.
+        """
+        if structure.key == self.structure.key:
+            # The error of a delay between two steps is another than that of whole steps.
+            late = np.array([slot.parameter.is_delay for slot in structure.slots], dtype=bool)
+            near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
+            if (np.abs(values - self.values) <= near).all():
+                return True
+        return bool(
+            self.error.ways
+            and self.error.starts is None
+            and (self.size <= _NO_MATTER * gap).all()
+            and _there(structure, values) <= _there(self.structure, self.values)
+        )
 
 
 class Objective:
@@ -100,9 +143,7 @@ class Objective:
         self.numerical = NumericalError.none(self.measured.shape)
         # A channel that only other recordings have counts, but nothing can change its score.
         self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
-        self._refined: deque[tuple[Hashable, FloatArray, NumericalError]] = deque(
-            maxlen=_REMEMBERED
-        )
+        self._refined: deque[_Known] = deque(maxlen=_REMEMBERED)
         self.root: FloatArray | None = None  # (rows, n_scored) of how much each counts
         self._coarse = False
         self._level: tuple[NumericalError, FloatArray] | None = None
@@ -127,15 +168,15 @@ class Objective:
         """Takes no numerical error out of what will be simulated."""
         self.numerical = NumericalError.none(self.measured.shape)
 
-    def forget(self, but: Case) -> None:
-        """Forgets all numerical errors but that at one row of values."""
-        kept = [
-            one
-            for one in self._refined
-            if one[0] == but.structure.key and np.array_equal(one[1], but.values[0])
-        ]
-        self._refined.clear()  # which others share
-        self._refined.extend(kept)
+    @contextmanager
+    def forgetting(self) -> Iterator[None]:
+        """Forgets afterwards what numerical errors were found meanwhile."""
+        known = list(self._refined)
+        try:
+            yield
+        finally:
+            self._refined.clear()  # which others share
+            self._refined.extend(known)
 
     def refine(
         self, finer: Mapping[Way, Objective], case: Case, own: FloatArray | None = None
@@ -143,15 +184,17 @@ class Objective:
         """As `refine`, of this objective alone, whose residual (rows, n_scored) may be known."""
         refine([(self, finer, case)], own)
 
-    def _remembers(self, case: Case) -> bool:
-        """Whether the numerical error is known at these values, nearly; it is that one then."""
-        structure, values = case.structure, case.values[0]
-        # The error of a delay between two steps is another than that of whole steps.
-        late = np.array([slot.parameter.is_delay for slot in structure.slots], dtype=bool)
-        near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
-        for key, at, error in self._refined:
-            if key == structure.key and (np.abs(values - at) <= near).all():
-                self.numerical = error
+    def _remembers(self, case: Case, own: FloatArray) -> bool:
+        """Whether the numerical error is known well enough at these values; it is that one then.
+
+        Args:
+            case: one row of values.
+            own: (rows, n_scored) the residual as simulated.
+        """
+        gap = np.sqrt(self.mean_square(own) + self.floor**2)
+        for known in self._refined:
+            if known.suits(case.structure, case.values[0], gap):
+                self.numerical = known.error
                 return True
         return False
 
@@ -187,7 +230,11 @@ class Objective:
                 variance = self.mean_square(left[0]) + self.floor**2
                 starts = Starts(*self.spans, changes, variance)
                 self.numerical = error.beside(starts)
-        self._refined.append((case.structure.key, case.values[0], self.numerical))
+        size = np.sqrt(self.mean_square(error.changes).sum(axis=0))
+        known = _Known(
+            structure=case.structure, values=case.values[0], error=self.numerical, size=size
+        )
+        self._refined.append(known)
 
     def moves(self, only: Sequence[int | None]) -> Moves:
         """Puts moves in different branches of the robots into one row.
@@ -431,6 +478,12 @@ class Objective:
         return np.stack([np.bincount(self.block, weights=column) for column in present.T], axis=1)
 
 
+def _there(structure: Structure, values: FloatArray) -> set[str]:
+    """The effects that some value makes differ from nothing."""
+    changed = zip(structure.slots, values, structure.zero, strict=True)
+    return {slot.term.effect.name for slot, value, zero in changed if value != zero}
+
+
 def refine(
     wanted: Sequence[tuple[Objective, Mapping[Way, Objective], Case]], own: FloatArray | None = None
 ) -> None:
@@ -445,10 +498,13 @@ def refine(
     unknown = []
     for k, (one, finer, case) in enumerate(wanted):
         one.leave_as_simulated()
-        if not one._remembers(case):
+        known = own if k == 0 else None
+        if one._refined and known is None:
+            known = one.simulated([case])[0][0]
+        if known is None or not one._remembers(case, known):
             # What was wanted the last time is asked for at once, to be done side by side.
             asked = [way for way in finer if one._coarse or way != "quarter"]
-            known, started = own if k == 0 else None, one._started(case)
+            started = one._started(case)
             simulations = [
                 *([(one, [case])] if known is None else []),
                 *((finer[way], [case]) for way in asked),
