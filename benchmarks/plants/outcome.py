@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 from benchmarks.hidden.outcome import Outcome
@@ -43,7 +43,7 @@ class PlantedOutcome:
     commit: str
     best_commit: str
     outcome: Outcome
-    table: Sequence[Compared] = ()
+    table: tuple[Compared, ...] = ()
 
     @property
     def shows(self) -> bool:
@@ -58,7 +58,9 @@ class PlantedOutcome:
     def from_json(cls, line: str) -> PlantedOutcome:
         """What `to_json` wrote."""
         data = json.loads(line)
-        return cls(**{**data, "outcome": Outcome.from_json(json.dumps(data["outcome"]))})
+        table = tuple((what, elpd, prior) for what, elpd, prior in data.get("table", ()))
+        outcome = Outcome.from_json(json.dumps(data["outcome"]))
+        return cls(**{**data, "outcome": outcome, "table": table})
 
 
 def shows(best: Mapping[str, float], planted: Mapping[str, float]) -> bool:

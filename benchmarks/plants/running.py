@@ -64,7 +64,7 @@ def run_case(job: Job, *, effects: Sequence[str] | None = None) -> PlantedOutcom
         error = KINDS[case.kind](rng, setting)
         if error is None:
             return _of(case, best, _unasked(case, "impossible"), {}, {})
-    table: Sequence[Compared] = ()
+    table: tuple[Compared, ...] = ()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         path = write_experiments(folder, experiments)
@@ -92,7 +92,7 @@ def _asked(
     setting: Setting,
     error: Planted | None,
     effects: Sequence[str] | None,
-) -> tuple[Outcome, Sequence[Compared]]:
+) -> tuple[Outcome, tuple[Compared, ...]]:
     """What the workflow says of a manifest, and what it compared."""
     hidden = () if error is None else (_hidden(error, setting),)
     start = time.perf_counter()
@@ -116,7 +116,7 @@ def _asked(
         seconds=found.seconds,
     )
     table = result.comparison[["structure", "elpd", "log_prior"]]
-    return outcome, [tuple(row) for row in table.itertuples(index=False)]
+    return outcome, tuple((what, elpd, prior) for what, elpd, prior in table.to_numpy().tolist())
 
 
 def _wired(found: Diagnosis) -> tuple[Named, ...]:
@@ -204,7 +204,7 @@ def _of(
     outcome: Outcome,
     before: dict[str, float],
     with_it: dict[str, float],
-    table: Sequence[Compared] = (),
+    table: tuple[Compared, ...] = (),
 ) -> PlantedOutcome:
     return PlantedOutcome(
         case=case.name,

@@ -21,6 +21,7 @@ from benchmarks.plants.outcome import SHOWS, PlantedOutcome, shows
 from benchmarks.plants.running import Job, run_case
 from benchmarks.plants.scoring import own_names, rare_first, sizes_right, sure, told
 from benchmarks.plants.table import line, rows
+from benchmarks.plants.temperature import log_score, probability
 from benchmarks.rivals.logs import LOGS, RealLog
 from benchmarks.rivals.plain import plain
 from walkerkit import gap
@@ -247,6 +248,33 @@ def outcome(of: PlantedCase, *names: Named, hidden: str = "payload") -> PlantedO
             seconds=1.0,
         ),
     )
+
+
+class TestTemperature:
+    TABLE = (
+        ("payload (arm) + coulomb_friction (arm)", 100.0, -4.0),
+        ("viscous_friction (arm)", 92.0, -1.0),
+    )
+
+    def test_a_table_gives_what_was_planted_the_weight_of_all_that_has_it(self):
+        one = dataclasses.replace(outcome(case("payload")), table=self.TABLE)
+        odds = np.exp(8.0 / 4.0 - 3.0)
+        assert probability(one, 4.0) == pytest.approx(odds / (1 + odds))
+        assert probability(one, 1.0) > 0.99
+        other = dataclasses.replace(outcome(case("payload"), hidden="friction"), table=self.TABLE)
+        assert probability(other, 4.0) == 0.0
+
+    def test_a_name_that_no_structure_has_counts_as_the_least(self):
+        right = dataclasses.replace(outcome(case("payload")), table=self.TABLE)
+        absent = dataclasses.replace(outcome(case("payload"), hidden="payload_"), table=self.TABLE)
+        assert log_score([absent], 1.0) == pytest.approx(np.log(0.01))
+        assert log_score([right, absent], 1.0) == pytest.approx(
+            (np.log(probability(right, 1.0)) + np.log(0.01)) / 2
+        )
+
+    def test_a_kept_outcome_has_its_table(self):
+        one = dataclasses.replace(outcome(case("payload")), table=self.TABLE)
+        assert PlantedOutcome.from_json(one.to_json()) == one
 
 
 class TestScoring:

@@ -341,6 +341,26 @@ class TestObjective:
         assert left_by_two < 0.25 * raw
         assert left_by_three < 0.6 * left_by_two
 
+    def test_a_numerical_error_that_does_not_matter_is_not_found_again(self):
+        robot = pendulum()
+        recording = run(robot, dof_damping=2.1)  # instead of 0.1
+        one = objective(robot, [recording], floor=1e-6)
+        finer = {"half": objective(robot.refined(2), [recording], floor=1e-6)}
+
+        def found_at(*values: float, **sites: list[str]) -> bool:
+            """Whether the error at some values is another than the one before."""
+            before = one.numerical
+            case = Case(structure=structure([robot], **sites), values=np.array([values]))
+            one.refine(finer, case)
+            return one.numerical is not before
+
+        damped = {"viscous_friction": ["hip"]}
+        assert found_at()
+        assert found_at(0.01, **damped)  # nobody knew how large that of damping is
+        assert not found_at(0.2, **damped)  # which is nothing beside the gap
+        assert found_at(0.01, 0.001, **damped, armature=["hip"])
+        assert found_at(2.0, **damped)  # where hardly any gap is left
+
     def test_how_the_solver_rounds_off_dry_friction_is_no_gap(self):
         # The machine sticks; the model creeps, as MuJoCo's friction does unless it is told not to.
         spec = pendulum(kp=20).spec.copy()
