@@ -12,7 +12,8 @@ from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.replayed import Replayed, gaps_of, gaps_with
 from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.compare import Member
-from walkerkit.gap.search.naming import Explanation, in_its_place, only_needed
+from walkerkit.gap.search.naming import Explanation, in_its_place
+from walkerkit.gap.search.needed import only_needed
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 from walkerkit.gap.simulation.robot import Robot

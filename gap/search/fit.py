@@ -8,7 +8,6 @@ Bounded; a trial that diverges scores infinity.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,10 +15,8 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import INSENSITIVE, sensitivity
 from walkerkit.gap.search.effort import Progress
-from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.journal import digest, finished, packed, unpacked
 from walkerkit.gap.search.objective import Objective, consecutive, simulated_each
-from walkerkit.gap.search.score import Wildness
 from walkerkit.gap.search.slopes import (
     Slopes,
     linearised_each,
@@ -33,7 +30,7 @@ FloatArray = NDArray[np.float64]
 _Polishing = Generator[Fit | Case, Any, tuple[Fit, Slopes]]
 
 _DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
-_CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
+CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
 _KEEPS = 0.5  # of its promise that a whole step has to keep
 _KEPT = 2**28  # bytes of slopes that are carried along
 _RACED, _FEWEST_RACED = 64, 3  # steps in a race, times numbers; and whatever their number
@@ -42,7 +39,7 @@ _PACES = 4  # a step gains less than the one before, so a lag of more than these
 
 def evaluate(objective: Objective, fits: Sequence[tuple[Structure, FloatArray]]) -> list[Fit]:
     """Simulates structures at given values, without fitting."""
-    return _finished(fits, lambda: _evaluate(objective, fits))
+    return fits_finished(fits, lambda: _evaluate(objective, fits))
 
 
 def _evaluate(objective: Objective, fits: Sequence[tuple[Structure, FloatArray]]) -> list[Fit]:
@@ -84,7 +81,7 @@ def fit(
     Returns:
         The fits, in the order of `starts`; none scores worse than it started.
     """
-    return _finished(
+    return fits_finished(
         [(start.structure, start.values) for start in starts],
         lambda: _fit(objective, starts, iterations, race, near, leader, progress, stage),
     )
@@ -131,7 +128,7 @@ def _fit(
         active, before = [], active
         for i in before:
             ahead = leader if race is None else min(leader, _leader(best, race, race[i]))
-            least = _CONVERGED if race is None else _CONVERGED_IN_RACE
+            least = CONVERGED if race is None else _CONVERGED_IN_RACE
             if gains[i] > least and best[i].score - ahead < _PACES * gains[i]:
                 taken[i] += 1
                 most = iterations if race is None else _RACED // len(best[i].values)
@@ -223,12 +220,12 @@ def _polishing(
         step = (trials[0] - best.values) / best.structure.scale
         believed = slopes.sure or (slopes.right and not certain) or (near_enough and kept > 1)
         if believed and (
-            promised < _CONVERGED
+            promised < CONVERGED
             or best.score - leader > _PACES * max(gain, best.score - slopes.score(objective, step))
         ):
             break
         fresh, gain = slopes.fresh, 0.0
-        if promised >= _CONVERGED:
+        if promised >= CONVERGED:
             whole = Case(structure=best.structure, values=trials[:1])
             better, residual = _best(objective, whole, (yield whole))
             kept = kept + 1 if best.score - better.score >= _KEEPS * promised else 0
@@ -241,9 +238,9 @@ def _polishing(
                 step = (better.values - best.values) / best.structure.scale
                 slopes.follow(step, residual, objective.weights(better.mean_square))
                 best = better
-        if gain < _CONVERGED and fresh:
+        if gain < CONVERGED and fresh:
             break
-        if gain < _CONVERGED or not (near_enough or kept or slopes.right):
+        if gain < CONVERGED or not (near_enough or kept or slopes.right):
             slopes = yield best
     return best, slopes
 
@@ -341,142 +338,7 @@ def polished(
             for found in some(starts[group], objectives[group])
         ]
 
-    return _finished([(start.structure, start.values) for start in starts], make)
-
-
-def settled(
-    half: Half,
-    start: Fit,
-    near: Slopes | None = None,
-    *,
-    passes: int,
-    iterations: int = 20,
-    leader: float = np.inf,
-    progress: Progress | None = None,
-    stage: str = "fitting",
-) -> Fit:
-    """A fit in the light of its own numerical error, which is found again after each pass.
-
-    A pass that only seemed better, by the error of where it began, is taken back.
-
-    Args:
-        half: the recordings.
-        start: structure and values; its score may be that on other recordings.
-        near: slopes of a fit to them that has numbers in common with it, to begin with.
-        passes: of fitting, the most.
-        iterations: of each pass, the most.
-        leader: a score; a fit too far behind it to catch up at its pace goes no further.
-        progress: called before each step.
-        stage: what it is told.
-
-    Returns:
-        The best, at which the half is refined.
-    """
-    objective = half.objective
-
-    def improved(one: Fit, slopes: Slopes | None, *, certain: bool) -> tuple[Fit, Slopes]:
-        found, after = polish(
-            objective,
-            one,
-            slopes,
-            iterations=iterations,
-            certain=certain,
-            near_enough=True,
-            leader=leader,
-            progress=progress,
-            stage=stage,
-        )
-        return half.by_own_error(found), after
-
-    def made() -> Fit:
-        best, slopes = half.by_own_error(start), None
-        if near is not None:
-            (slopes,) = near_slopes(objective, near, [best])
-        for k in range(passes):
-            found, after = improved(best, slopes, certain=k == 0)
-            if best.score <= found.score + _CONVERGED:
-                break
-            best, slopes = found, after.at_another_error(objective, found)
-        for values in _on_steps(objective, best) if best.score < leader else ():
-            there = half.by_own_error(replace(best, values=values))
-            if there.score < best.score - _CONVERGED:
-                from_there, _ = improved(there, None, certain=False)
-                best = min(there, from_there, key=lambda one: one.score)
-        return best
-
-    return _in_one(half, start, made)
-
-
-def robustly(
-    half: Half,
-    one: Fit,
-    slopes: Slopes,
-    noise: FloatArray,
-    *,
-    passes: int,
-    iterations: int,
-) -> Fit:
-    """A fit moved to where wild blocks do not outvote the rest, as they do not in the comparison.
-
-    Args:
-        half: the recordings.
-        one: the fit, to them.
-        slopes: there, with what they are with the numerical error in them.
-        noise: (n_scored,) of the measurement.
-        passes: of weighting blocks by how wild they are, and fitting again.
-        iterations: of each pass, the most.
-
-    Returns:
-        The fit, at which the half is refined, with the score that it has where all blocks count.
-    """
-    if not len(one.values) or not np.isfinite(one.score):
-        return one
-
-    def seen(one: Fit) -> FloatArray:
-        half.refine(one)
-        found: FloatArray = half.objective.residuals([one.case])[0][0]
-        return found
-
-    def made() -> Fit:
-        best, residual = one, seen(one)
-        wildness = Wildness(half.objective, residual, noise)
-        for _ in range(passes):
-            trusting = half.trusting(wildness.trust(residual))
-            trusting.refine(best)
-            its = slopes.trusting(trusting.objective, best)
-            better, _ = polish(trusting.objective, best, its, iterations=iterations, certain=False)
-            there = seen(better)
-            if wildness.density(there) <= wildness.density(residual):
-                break
-            best, residual = better, there
-        return best
-
-    return _in_one(half, one, made)
-
-
-def _in_one(half: Half, start: Fit, make: Callable[[], Fit]) -> Fit:
-    """A fit that is one step of the journal, at which the half is refined.
-
-    What the half knows of numerical errors afterwards is what it knows where the journal has it.
-    """
-    with half.objective.forgetting():
-        (found,) = _finished([(start.structure, start.values)], lambda: [make()])
-    return half.by_own_error(found)
-
-
-def _on_steps(objective: Objective, one: Fit) -> Iterator[FloatArray]:
-    """A fit's values with each delay as long as whole steps, a little less and a little more.
-
-    Between two steps a simulation is late by a mixture of both, which has an error of its own.
-    """
-    lower, upper = one.structure.bounds
-    step = max(replay.robot.model.opt.timestep for replay in objective.replays)
-    for k, slot in enumerate(one.structure.slots):
-        if slot.parameter.is_delay and lower[k] < one.values[k] < upper[k]:
-            for to_step in (np.floor, np.ceil):
-                values = one.values.copy()
-                values[k] = np.clip(step * to_step(values[k] / step), lower[k], upper[k])
-                yield values
+    return fits_finished([(start.structure, start.values) for start in starts], make)
 
 
 def _next_steps(
@@ -513,7 +375,7 @@ def _residuals(objective: Objective, cases: Sequence[Case]) -> Iterator[FloatArr
         yield from objective.residuals(cases[group])
 
 
-def _finished(
+def fits_finished(
     starts: Sequence[tuple[Structure, FloatArray]], make: Callable[[], list[Fit]]
 ) -> list[Fit]:
     """The fits of some structures, from the journal where it has them."""

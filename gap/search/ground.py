@@ -15,9 +15,10 @@ import numpy as np
 
 from walkerkit.gap.effects import Effect, Parameter
 from walkerkit.gap.search.effort import Progress
-from walkerkit.gap.search.fit import polished, settled
+from walkerkit.gap.search.fit import polished
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 
 _STEPS = 20  # of a fit to a part, the most

@@ -17,9 +17,9 @@ import numpy as np
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.search.buildable import buildable
 from walkerkit.gap.search.effort import Effort, Progress
-from walkerkit.gap.search.fit import settled
 from walkerkit.gap.search.naming import Explanation, begin, leaves_nothing, name_effects
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import Slopes, linearised
 from walkerkit.gap.search.structure import Fit, Structure, carried
 from walkerkit.gap.simulation.commands import Hold

@@ -20,25 +20,24 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
-from walkerkit.gap.search.book import Book, known_errors
+from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.compare import Member, Table
-from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN, NUMERICAL_LEFT
+from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
-from walkerkit.gap.search.fit import evaluate, polished, robustly, settled
+from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.ground import ground
-from walkerkit.gap.search.half import Half
+from walkerkit.gap.search.needed import only_needed
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
-from walkerkit.gap.search.reduce import members
-from walkerkit.gap.search.slopes import Slopes, linearised, normal_equations
+from walkerkit.gap.search.settle import robustly
+from walkerkit.gap.search.slopes import linearised, normal_equations
 from walkerkit.gap.search.structure import (
     Fit,
     Structure,
     Term,
     candidate_terms,
     carried,
-    merged,
 )
 from walkerkit.gap.search.unknown import unknown_weight
 from walkerkit.gap.simulation.mend import mend
@@ -47,8 +46,7 @@ FloatArray = NDArray[np.float64]
 
 MOST_RARE = 4  # at once
 _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its place
-_REFITS, _PASSES = 8, 3
-_WEIGHINGS, _REWEIGHED = 4, 3  # of blocks by how wild they are, and steps of a fit with each
+_REFITS = 8  # steps of a fit that begins near its end
 _NTH = ("a first", "a second", "a third", "a fourth")
 _LONGEST_WITH_LAWS = 20_000  # steps of a rollout, which come one after the other
 _AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
@@ -303,74 +301,6 @@ def _refitted(problem: Problem, source: Fit, structures: Sequence[Structure]) ->
     return polished(objective, evaluate(objective, starts), iterations=_REFITS)
 
 
-def only_needed(problem: Problem, member: Member) -> Fit:
-    """A member of the table by itself, fitted without what it does not need or cannot know.
-
-    What it needs is read off slopes. Fitted, it may turn out to need even less, unless that leaves
-    larger gaps: slopes do not know where the numerical error ends. And what of it is not known to
-    be there, in the light of all that the model still lacks, is left out.
-    """
-    objective = problem.fit.objective
-    found = _by_itself(problem, member)
-    slopes = linearised(objective, found)
-    while found.structure.terms:
-        unknown, unfounded = _not_known(problem, found, slopes)
-        if unfounded is not None:
-            fewer = found.structure.without_term(unfounded)
-            values = carried(found.values, found.structure, fewer)
-            found = _settled(problem, found, fewer, values, slopes)
-            slopes = linearised(objective, found)
-            continue
-        smaller, *_ = members(objective, found, slopes, problem.noise, without=unknown)
-        if len(smaller.kept) == len(found.values):
-            break
-        fewer_needed = _by_itself(problem, smaller, slopes)
-        if not unknown and fewer_needed.score > found.score + LEAST_GAIN:
-            problem.fit.refine(found)
-            break
-        found, slopes = fewer_needed, linearised(objective, fewer_needed)
-    return _robustly(problem.fit, found, slopes, problem.noise)
-
-
-def _robustly(half: Half, found: Fit, slopes: Slopes, noise: FloatArray) -> Fit:
-    return robustly(half, found, slopes, noise, passes=_WEIGHINGS, iterations=_REWEIGHED)
-
-
-def _not_known(
-    problem: Problem, one: Fit, slopes: Slopes
-) -> tuple[list[tuple[str, str]], Term | None]:
-    """What of a fit is not known to be there.
-
-    Returns:
-        Of the ordinary effects of each place the least known, if it is not known at all; and a rare
-        one that is not known anywhere.
-    """
-    structure, errors = one.structure, known_errors(problem, one, slopes)
-    least: dict[str, tuple[float, str]] = {}
-    for term in structure.terms:
-        own = {place: float(errors[structure.columns(term, place)].max()) for place in term.places}
-        if term.effect.fitted and not term.effect.ordinary and max(own.values()) < KNOWN:
-            return [], term
-        for place, known in own.items() if term.effect.ordinary else ():
-            if known < KNOWN:
-                least[place] = min(least.get(place, (np.inf, "")), (known, term.effect.name))
-    return [(name, place) for place, (_, name) in least.items()], None
-
-
-def _by_itself(problem: Problem, member: Member, near: Slopes | None = None) -> Fit:
-    """A member fitted in the light of its own numerical error, from what slopes say of it."""
-    structure, whole = _of_kept(member), member.fit.structure
-    values = carried(member.values, whole, structure)
-    return _settled(problem, member.fit, structure, values, near)
-
-
-def _settled(
-    problem: Problem, source: Fit, structure: Structure, values: FloatArray, near: Slopes | None
-) -> Fit:
-    start = replace(source, structure=structure, values=np.clip(values, *structure.bounds))
-    return settled(problem.fit, start, near, passes=_PASSES, iterations=_REFITS)
-
-
 def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: str) -> Fit | None:
     """The explanation with another effect in place of one of its terms, and at its end.
 
@@ -406,17 +336,6 @@ def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: s
     fits = polished(half.objective, evaluate(half.objective, starts), iterations=_REFITS)
     best = min(fits, key=lambda one: one.score)
     return best if np.isfinite(best.score) else None
-
-
-def _of_kept(member: Member) -> Structure:
-    structure = member.fit.structure
-    kept = {structure.slots[k].key[:2] for k in member.kept}
-    terms = []
-    for term in structure.terms:
-        places = tuple(place for place in term.places if (term.effect.name, place) in kept)
-        if places:
-            terms.append(term if term.shared else replace(term, sites=places))
-    return merged(Structure(tuple(terms), structure.robots))
 
 
 def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) -> Explanation:
@@ -488,7 +407,7 @@ def _over_whole(problem: Problem, current: Fit) -> Fit | None:
     whole.refine(current)
     (found,) = polished(whole.objective, [current], iterations=_REFITS)
     slopes = linearised(whole.objective, found)
-    found = _robustly(whole, found, slopes, problem.noise)
+    found = robustly(whole, found, slopes, problem.noise)
     problem.fit.refine(current)
     before, after = (
         evaluate(problem.fit.objective, [(one.structure, one.values)])[0]

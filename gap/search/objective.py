@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.effort import spend
+from walkerkit.gap.search.known_error import KnownError
 from walkerkit.gap.search.numerical_error import NumericalError, Way
 from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.starts import ALIKE, Starts, start_errors
@@ -35,8 +36,6 @@ _Float = TypeVar("_Float", np.float32, np.float64)
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
 _REMEMBERED = 4  # values at which the numerical error is known
 _COARSE = 6  # times the floor; changes by more, of a finer timestep, a still finer one tells better
-_SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
-_NO_MATTER = 0.03  # of a gap, which a numerical error may change
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _PASSES = 3  # of freeing a gap of errors of its starts, and finding what is left of it
 _SAMPLES_OF_PRIOR = 10  # for each that is independent
@@ -62,47 +61,6 @@ class Moves:
         if not self.shown.all():
             np.copyto(moved, 0, where=~self.shown[:, None, :])
         return moved
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Known:
-    """The numerical error at some values.
-
-    Attributes:
-        structure: what they are values of.
-        values: (n_parameters,).
-        error: the error.
-        size: (n_scored,) root mean square of it.
-    """
-
-    structure: Structure
-    values: FloatArray
-    error: NumericalError
-    size: FloatArray
-
-    def suits(self, structure: Structure, values: FloatArray, gap: FloatArray) -> bool:
-        """Whether it is as good as that at other values.
-
-        Either these are nearly the same, or it is small beside the gap and all that is there was
-        there, too.
-
-        Args:
-            structure: what they are values of.
-            values: (n_parameters,).
-            gap: (n_scored,) that they leave, with the numerical error in it.
-        """
-        if structure.key == self.structure.key:
-            # The error of a delay between two steps is another than that of whole steps.
-            late = np.array([slot.parameter.is_delay for slot in structure.slots], dtype=bool)
-            near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
-            if (np.abs(values - self.values) <= near).all():
-                return True
-        return bool(
-            self.error.ways
-            and self.error.starts is None
-            and (self.size <= _NO_MATTER * gap).all()
-            and _there(structure, values) <= _there(self.structure, self.values)
-        )
 
 
 class Objective:
@@ -143,7 +101,7 @@ class Objective:
         self.numerical = NumericalError.none(self.measured.shape)
         # A channel that only other recordings have counts, but nothing can change its score.
         self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
-        self._refined: deque[_Known] = deque(maxlen=_REMEMBERED)
+        self._refined: deque[KnownError] = deque(maxlen=_REMEMBERED)
         self.root: FloatArray | None = None  # (rows, n_scored) of how much each counts
         self._coarse = False
         self._level: tuple[NumericalError, FloatArray] | None = None
@@ -231,7 +189,7 @@ class Objective:
                 starts = Starts(*self.spans, changes, variance)
                 self.numerical = error.beside(starts)
         size = np.sqrt(self.mean_square(error.changes).sum(axis=0))
-        known = _Known(
+        known = KnownError(
             structure=case.structure, values=case.values[0], error=self.numerical, size=size
         )
         self._refined.append(known)
@@ -476,12 +434,6 @@ class Objective:
         """(n_blocks, n_scored) measured samples."""
         present = np.isfinite(self.measured).astype(float)
         return np.stack([np.bincount(self.block, weights=column) for column in present.T], axis=1)
-
-
-def _there(structure: Structure, values: FloatArray) -> set[str]:
-    """The effects that some value makes differ from nothing."""
-    changed = zip(structure.slots, values, structure.zero, strict=True)
-    return {slot.term.effect.name for slot, value, zero in changed if value != zero}
 
 
 def refine(

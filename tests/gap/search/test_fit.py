@@ -19,12 +19,13 @@ from walkerkit.gap.search import fit as fit_module
 from walkerkit.gap.search import objective as objectives
 from walkerkit.gap.search import slopes as slopes_module
 from walkerkit.gap.search.certainty import INSENSITIVE, covariance
-from walkerkit.gap.search.fit import evaluate, fit, polish, polished, robustly, settled
+from walkerkit.gap.search.fit import evaluate, fit, polish, polished
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.numerical_error import NumericalError
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.screen import screen
+from walkerkit.gap.search.settle import robustly, settled
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms, carried
 from walkerkit.gap.simulation.excursion import excursions
@@ -738,7 +739,7 @@ class TestRobustly:
         (start,) = evaluate(half.objective, [(tried, np.array([0.25]))])
         drawn = settled(half, start, passes=1)
         slopes = linearised(half.objective, drawn)
-        found = robustly(half, drawn, slopes, np.full(1, 1e-3), passes=4, iterations=4)
+        found = robustly(half, drawn, slopes, np.full(1, 1e-3))
         assert abs(found.values[0] - 0.25) < 0.2 * abs(drawn.values[0] - 0.25)
         assert found.values[0] == pytest.approx(0.25, rel=0.03)
 

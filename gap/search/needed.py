@@ -1,0 +1,99 @@
+"""A structure of the table by itself: without what it does not need, or what of it is not known.
+
+fit = only_needed(problem, member)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.book import known_errors
+from walkerkit.gap.search.compare import Member
+from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.reduce import members
+from walkerkit.gap.search.settle import robustly, settled
+from walkerkit.gap.search.slopes import Slopes, linearised
+from walkerkit.gap.search.structure import Fit, Structure, Term, carried, merged
+
+FloatArray = NDArray[np.float64]
+
+_REFITS, _PASSES = 8, 3
+
+
+def only_needed(problem: Problem, member: Member) -> Fit:
+    """A member of the table by itself, fitted without what it does not need or cannot know.
+
+    What it needs is read off slopes. Fitted, it may turn out to need even less, unless that leaves
+    larger gaps: slopes do not know where the numerical error ends. And what of it is not known to
+    be there, in the light of all that the model still lacks, is left out.
+    """
+    objective = problem.fit.objective
+    found = _by_itself(problem, member)
+    slopes = linearised(objective, found)
+    while found.structure.terms:
+        unknown, unfounded = _not_known(problem, found, slopes)
+        if unfounded is not None:
+            fewer = found.structure.without_term(unfounded)
+            values = carried(found.values, found.structure, fewer)
+            found = _settled(problem, found, fewer, values, slopes)
+            slopes = linearised(objective, found)
+            continue
+        smaller, *_ = members(objective, found, slopes, problem.noise, without=unknown)
+        if len(smaller.kept) == len(found.values):
+            break
+        fewer_needed = _by_itself(problem, smaller, slopes)
+        if not unknown and fewer_needed.score > found.score + LEAST_GAIN:
+            problem.fit.refine(found)
+            break
+        found, slopes = fewer_needed, linearised(objective, fewer_needed)
+    return robustly(problem.fit, found, slopes, problem.noise)
+
+
+def _not_known(
+    problem: Problem, one: Fit, slopes: Slopes
+) -> tuple[list[tuple[str, str]], Term | None]:
+    """What of a fit is not known to be there.
+
+    Returns:
+        Of the ordinary effects of each place the least known, if it is not known at all; and a rare
+        one that is not known anywhere.
+    """
+    structure, errors = one.structure, known_errors(problem, one, slopes)
+    least: dict[str, tuple[float, str]] = {}
+    for term in structure.terms:
+        own = {place: float(errors[structure.columns(term, place)].max()) for place in term.places}
+        if term.effect.fitted and not term.effect.ordinary and max(own.values()) < KNOWN:
+            return [], term
+        for place, known in own.items() if term.effect.ordinary else ():
+            if known < KNOWN:
+                least[place] = min(least.get(place, (np.inf, "")), (known, term.effect.name))
+    return [(name, place) for place, (_, name) in least.items()], None
+
+
+def _by_itself(problem: Problem, member: Member, near: Slopes | None = None) -> Fit:
+    """A member fitted in the light of its own numerical error, from what slopes say of it."""
+    structure, whole = _of_kept(member), member.fit.structure
+    values = carried(member.values, whole, structure)
+    return _settled(problem, member.fit, structure, values, near)
+
+
+def _settled(
+    problem: Problem, source: Fit, structure: Structure, values: FloatArray, near: Slopes | None
+) -> Fit:
+    start = replace(source, structure=structure, values=np.clip(values, *structure.bounds))
+    return settled(problem.fit, start, near, passes=_PASSES, iterations=_REFITS)
+
+
+def _of_kept(member: Member) -> Structure:
+    structure = member.fit.structure
+    kept = {structure.slots[k].key[:2] for k in member.kept}
+    terms = []
+    for term in structure.terms:
+        places = tuple(place for place in term.places if (term.effect.name, place) in kept)
+        if places:
+            terms.append(term if term.shared else replace(term, sites=places))
+    return merged(Structure(tuple(terms), structure.robots))

@@ -1,0 +1,158 @@
+"""A fit in the light of its own numerical error, and one that wild blocks do not outvote.
+
+    found = settled(half, start, passes=2)
+    found = robustly(half, found, linearised(half.objective, found), noise)
+
+The numerical error is another wherever a fit ends, so that it is found again after each pass. Each
+of the two is one step of the journal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.search.effort import Progress
+from walkerkit.gap.search.fit import CONVERGED, fits_finished, polish
+from walkerkit.gap.search.half import Half
+from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.score import Wildness
+from walkerkit.gap.search.slopes import Slopes, near_slopes
+from walkerkit.gap.search.structure import Fit
+
+FloatArray = NDArray[np.float64]
+
+_WEIGHINGS, _REWEIGHED = 4, 3  # of blocks by how wild they are, and steps of a fit with each
+
+
+def settled(
+    half: Half,
+    start: Fit,
+    near: Slopes | None = None,
+    *,
+    passes: int,
+    iterations: int = 20,
+    leader: float = np.inf,
+    progress: Progress | None = None,
+    stage: str = "fitting",
+) -> Fit:
+    """A fit in the light of its own numerical error, which is found again after each pass.
+
+    A pass that only seemed better, by the error of where it began, is taken back.
+
+    Args:
+        half: the recordings.
+        start: structure and values; its score may be that on other recordings.
+        near: slopes of a fit to them that has numbers in common with it, to begin with.
+        passes: of fitting, the most.
+        iterations: of each pass, the most.
+        leader: a score; a fit too far behind it to catch up at its pace goes no further.
+        progress: called before each step.
+        stage: what it is told.
+
+    Returns:
+        The best, at which the half is refined.
+    """
+    objective = half.objective
+
+    def improved(one: Fit, slopes: Slopes | None, *, certain: bool) -> tuple[Fit, Slopes]:
+        found, after = polish(
+            objective,
+            one,
+            slopes,
+            iterations=iterations,
+            certain=certain,
+            near_enough=True,
+            leader=leader,
+            progress=progress,
+            stage=stage,
+        )
+        return half.by_own_error(found), after
+
+    def made() -> Fit:
+        best, slopes = half.by_own_error(start), None
+        if near is not None:
+            (slopes,) = near_slopes(objective, near, [best])
+        for k in range(passes):
+            found, after = improved(best, slopes, certain=k == 0)
+            if best.score <= found.score + CONVERGED:
+                break
+            best, slopes = found, after.at_another_error(objective, found)
+        for values in _on_steps(objective, best) if best.score < leader else ():
+            there = half.by_own_error(replace(best, values=values))
+            if there.score < best.score - CONVERGED:
+                from_there, _ = improved(there, None, certain=False)
+                best = min(there, from_there, key=lambda one: one.score)
+        return best
+
+    return _in_one(half, start, made)
+
+
+def robustly(
+    half: Half,
+    one: Fit,
+    slopes: Slopes,
+    noise: FloatArray,
+) -> Fit:
+    """A fit moved to where wild blocks do not outvote the rest, as they do not in the comparison.
+
+    Args:
+        half: the recordings.
+        one: the fit, to them.
+        slopes: there, with what they are with the numerical error in them.
+        noise: (n_scored,) of the measurement.
+
+    Returns:
+        The fit, at which the half is refined, with the score that it has where all blocks count.
+    """
+    if not len(one.values) or not np.isfinite(one.score):
+        return one
+
+    def seen(one: Fit) -> FloatArray:
+        half.refine(one)
+        found: FloatArray = half.objective.residuals([one.case])[0][0]
+        return found
+
+    def made() -> Fit:
+        best, residual = one, seen(one)
+        wildness = Wildness(half.objective, residual, noise)
+        for _ in range(_WEIGHINGS):
+            trusting = half.trusting(wildness.trust(residual))
+            trusting.refine(best)
+            its = slopes.trusting(trusting.objective, best)
+            better, _ = polish(trusting.objective, best, its, iterations=_REWEIGHED, certain=False)
+            there = seen(better)
+            if wildness.density(there) <= wildness.density(residual):
+                break
+            best, residual = better, there
+        return best
+
+    return _in_one(half, one, made)
+
+
+def _in_one(half: Half, start: Fit, make: Callable[[], Fit]) -> Fit:
+    """A fit that is one step of the journal, at which the half is refined.
+
+    What the half knows of numerical errors afterwards is what it knows where the journal has it.
+    """
+    with half.objective.forgetting():
+        (found,) = fits_finished([(start.structure, start.values)], lambda: [make()])
+    return half.by_own_error(found)
+
+
+def _on_steps(objective: Objective, one: Fit) -> Iterator[FloatArray]:
+    """A fit's values with each delay as long as whole steps, a little less and a little more.
+
+    Between two steps a simulation is late by a mixture of both, which has an error of its own.
+    """
+    lower, upper = one.structure.bounds
+    step = max(replay.robot.model.opt.timestep for replay in objective.replays)
+    for k, slot in enumerate(one.structure.slots):
+        if slot.parameter.is_delay and lower[k] < one.values[k] < upper[k]:
+            for to_step in (np.floor, np.ceil):
+                values = one.values.copy()
+                values[k] = np.clip(step * to_step(values[k] / step), lower[k], upper[k])
+                yield values
