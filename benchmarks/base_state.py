@@ -33,7 +33,8 @@ from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hardware_imu import Imu, felt, imu_readings
 from walkerkit.gap.rehearsal.standing import standing_targets, write_standing
 from walkerkit.gap.simulation.base_estimate import with_estimated_base
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.tasks import FallLimits, Stand
 from walkerkit.walkers import QUADRUPED_XML, Quadruped
 from walkerkit.walkers.gait import Trot

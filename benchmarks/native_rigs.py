@@ -28,7 +28,7 @@ from walkerkit.gap.effects import EVERYWHERE
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.fleet import engine as engines
 from walkerkit.gap.report.diagnosis import NamedEffect
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 
 DRAWS = 2
 QUICK = ("leg: nothing", "leg: late commands", "wheel: bristles", "gantry: load")

@@ -29,8 +29,9 @@ from walkerkit.gap.recordings.segments import cut
 from walkerkit.gap.search.structure import Structure, candidate_terms
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.excursion import excursions
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.replay import Replay
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.walkers import LEG_XML
 
 FAMILIES = {

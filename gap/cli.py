@@ -235,8 +235,8 @@ def diagnose(
     The same command goes on where one that was killed had come to.
     """
     from walkerkit.gap import workflow
-    from walkerkit.gap.deliver.traces import check_traces, write_traces
     from walkerkit.gap.report.output import check_folder
+    from walkerkit.gap.report.traces import check_traces, write_traces
     from walkerkit.gap.search.effort import Effort
 
     check_folder(out)

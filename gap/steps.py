@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from walkerkit.gap.blas import on_one_thread
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.errors import InputError, closest
+from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.fitted import Fitted, FittedEffect
 from walkerkit.gap.recordings.given import OneOrMore
-from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.report.diagnosis import Trace
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.gaps import Gap, Location

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.smooth import Smoothed

@@ -25,6 +25,8 @@ from walkerkit.gap.blas import on_one_thread
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.base import add_users_effect, identity, users_effects
 from walkerkit.gap.errors import InputError, closest
+from walkerkit.gap.experiments.experiment import Experiment, load_experiments
+from walkerkit.gap.experiments.split import Recordings, is_in_time, split, split_in_time
 from walkerkit.gap.recordings import base
 from walkerkit.gap.recordings.checks import (
     check_recordings,
@@ -37,14 +39,13 @@ from walkerkit.gap.recordings.checks import (
 )
 from walkerkit.gap.recordings.given import OneOrMore
 from walkerkit.gap.recordings.imu import has_imu
-from walkerkit.gap.recordings.manifest import Experiment, load_experiments
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.split import Recordings, is_in_time, split, split_in_time
 from walkerkit.gap.recordings.tidy import tidied
 from walkerkit.gap.report.claim import claimed, run_key
 from walkerkit.gap.report.diagnosis import Diagnosis
 from walkerkit.gap.report.first_answer import FILE as FIRST
 from walkerkit.gap.report.first_answer import FirstAnswer, first_answer
+from walkerkit.gap.report.hints import with_hints
 from walkerkit.gap.report.notes import warning_notes
 from walkerkit.gap.report.output import DIAGNOSES, main_files
 from walkerkit.gap.report.result import Result, summarise
@@ -58,12 +59,12 @@ from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.base_estimate import with_known_base
 from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_effort
 from walkerkit.gap.simulation.floating import suited
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.mend import mend
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.size import check_size
 from walkerkit.gap.simulation.untaken import check_memory
-from walkerkit.gap.stopgap.hints import with_hints
 from walkerkit.gap.units import (
     with_checked_angles,
     with_checked_extent,

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from benchmarks.fuzzing.case import Case
 from walkerkit.actuators.networks import Lstm, Mlp
-from walkerkit.gap.recordings.manifest import load_experiments
+from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.tidy import tidied
 

@@ -15,7 +15,7 @@ from benchmarks.fuzzing.case import Case, run
 from benchmarks.fuzzing.files import _changed
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.workflow import compare, diagnose
 

@@ -28,7 +28,8 @@ from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.rehearse import draw_loud
 from walkerkit.gap.report.diagnosis import Estimate
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
+from walkerkit.gap.simulation.robot import Robot
 
 JITTER: Final = 5e-5
 """Of the logs' time stamps, s."""

@@ -20,7 +20,7 @@ from pathlib import Path
 from benchmarks.rivals.logs import LOGS
 from benchmarks.rivals.plain import MORE, plain
 from walkerkit import gap
-from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.simulation.mend import write_model
 from walkerkit.gap.simulation.sidecar import FILE, sidecar
 

@@ -20,10 +20,11 @@ from benchmarks.plants.outcome import Compared, PlantedOutcome, shows
 from benchmarks.rivals.logs import LOGS, write_experiments
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.report.diagnosis import Diagnosis, Estimate
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.mend import mend, write_model
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 from walkerkit.gap.simulation.trials import Trials
 

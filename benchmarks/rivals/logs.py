@@ -22,7 +22,7 @@ from types import ModuleType
 import numpy as np
 
 from walkerkit import gap
-from walkerkit.gap.recordings.manifest import Experiment, load_experiments, load_manifest
+from walkerkit.gap.experiments.experiment import Experiment, load_experiments, load_manifest
 from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.commands import Hold

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from walkerkit.gap.deliver.written import write_mended
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.search.structure import Structure, candidate_terms
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.mend import mend
-from walkerkit.gap.simulation.robot import Excursion, Robot, load_robot
+from walkerkit.gap.simulation.robot import Excursion, Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar
 
 FloatArray = NDArray[np.float64]

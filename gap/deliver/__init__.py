@@ -2,6 +2,5 @@
 
 from walkerkit.gap.deliver.apply import Applied, apply
 from walkerkit.gap.deliver.export import Exported, export
-from walkerkit.gap.deliver.traces import write_traces
 
-__all__ = ["Applied", "Exported", "apply", "export", "write_traces"]
+__all__ = ["Applied", "Exported", "apply", "export"]

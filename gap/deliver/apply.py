@@ -21,7 +21,8 @@ from walkerkit.gap.deliver.reapply import reapplied
 from walkerkit.gap.deliver.versions import needed
 from walkerkit.gap.deliver.written import Patched, patched, place
 from walkerkit.gap.errors import InputError, one_line
-from walkerkit.gap.simulation.robot import Measurement, Robot, load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
+from walkerkit.gap.simulation.robot import Measurement, Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 
 _NEW = "new element"

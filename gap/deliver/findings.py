@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from walkerkit.gap.errors import InputError, one_line
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, with_sidecar
 
 DIAGNOSIS = "diagnosis.json"

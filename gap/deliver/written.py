@@ -22,8 +22,9 @@ from walkerkit.gap.deliver.markup import Document, Edit
 from walkerkit.gap.deliver.patch import differences, patch
 from walkerkit.gap.deliver.versions import needed
 from walkerkit.gap.errors import InputError, one_line
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.mend import write_model
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.robot import Robot
 
 RESERVED = ("diagnosis.json", "report.html", "actuators.json", "experiments.toml")
 # Where a servo became a <general>, and where names are in the text of the model.

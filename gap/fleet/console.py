@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from walkerkit.gap.fleet import wording
 from walkerkit.gap.fleet.comparison import Row
-from walkerkit.gap.fleet.fleet import Fleet, Outcome
 from walkerkit.gap.report.console import VERDICT_STYLES, add_row, heading, plain, table_of
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.wording import estimate, label
+
+if TYPE_CHECKING:
+    from walkerkit.gap.fleet.fleet import Fleet, Outcome
 
 
 def render(fleet: Fleet) -> RenderableType:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from walkerkit.gap.fleet.comparison import Row
-from walkerkit.gap.fleet.fleet import Fleet
 from walkerkit.gap.fleet.wording import spot
 from walkerkit.gap.report.figures import (
     BLACK,
@@ -21,6 +21,9 @@ from walkerkit.gap.report.figures import (
 )
 from walkerkit.gap.report.quantity import scale
 from walkerkit.gap.report.wording import label
+
+if TYPE_CHECKING:
+    from walkerkit.gap.fleet.fleet import Fleet
 
 _MANY_DECADES = 6
 _LINE = 24  # pixels of a robot

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.fleet import folder as folders
 from walkerkit.gap.fleet.comparison import Comparison, Row, compare
+from walkerkit.gap.fleet.console import as_text
 from walkerkit.gap.fleet.engine import PROCESSES, Done, Failure, check_engine, run
 from walkerkit.gap.fleet.manifest import load_fleet
 from walkerkit.gap.fleet.member import Job, Made, diagnose_member
+from walkerkit.gap.fleet.page import write_page
 from walkerkit.gap.recordings.checks import check_seconds
 from walkerkit.gap.report.output import DIAGNOSIS, check_folder, check_free, write_folder
 
@@ -65,8 +67,6 @@ class Fleet:
         return tuple(outcome for outcome in self.outcomes if outcome.failure is not None)
 
     def __str__(self) -> str:
-        from walkerkit.gap.fleet.console import as_text
-
         return as_text(self)
 
     def to_json(self) -> str:
@@ -119,7 +119,6 @@ def diagnose_fleet(
     Raises:
         InputError: the manifest, the folder or the engine cannot be used.
     """
-    from walkerkit.gap.fleet.page import write_page
     from walkerkit.gap.workflow import effects_to_send
 
     members = load_fleet(manifest, allow_code=allow_code)

@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from walkerkit.gap.errors import InputError, refusal
+from walkerkit.gap.experiments.experiment import check_code, listed_files, read_tables
 from walkerkit.gap.recordings.files import check_file
 from walkerkit.gap.recordings.given import check_keys, is_callable
-from walkerkit.gap.recordings.manifest import check_code, listed_files, read_tables
 
 FLEET_FILES = ("fleet.json", "fleet.html")
 _ONE_MODEL = ("model", "recordings", "held_out")

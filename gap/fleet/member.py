@@ -91,7 +91,7 @@ def input_key(job: Job) -> str:
     if job.folder not in sys.path:
         sys.path.append(job.folder)
     from walkerkit.gap.effects.base import identity
-    from walkerkit.gap.recordings.manifest import load_experiments
+    from walkerkit.gap.experiments.experiment import load_experiments
     from walkerkit.gap.report.claim import run_key
     from walkerkit.gap.workflow import prepare
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from walkerkit.gap.fleet import figures, wording
 from walkerkit.gap.fleet.comparison import Row
-from walkerkit.gap.fleet.fleet import Fleet
 from walkerkit.gap.report.html import write_html
 from walkerkit.gap.report.output import REPORT
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.wording import VALUES, WARNINGS, estimate, label
+
+if TYPE_CHECKING:
+    from walkerkit.gap.fleet.fleet import Fleet
 
 _HAS, _COULD, _HAS_NOT, _CANNOT = "●", "?", "·", "–"
 _SAYS = {

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from walkerkit.gap.fleet.comparison import Row, Shared
-from walkerkit.gap.fleet.fleet import Fleet, Outcome
 from walkerkit.gap.report import wording
 from walkerkit.gap.report.quantity import quantity
+
+if TYPE_CHECKING:
+    from walkerkit.gap.fleet.fleet import Fleet, Outcome
 
 KINDS: Mapping[Shared, str] = {
     "all": "Common to all",

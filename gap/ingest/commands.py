@@ -52,7 +52,7 @@ def import_(
     from walkerkit.gap.ingest.column_map import ColumnMap
     from walkerkit.gap.ingest.importing import import_log
     from walkerkit.gap.report.output import check_folder, write_folder
-    from walkerkit.gap.simulation.robot import load_robot
+    from walkerkit.gap.simulation.load_robot import load_robot
 
     check_folder(out)
     given = None if column_map is None else ColumnMap.load(column_map)

@@ -44,7 +44,7 @@ def servo(
     with --joint, and the last one's file.
     """
     from walkerkit.gap.own_robot.servo import with_servos
-    from walkerkit.gap.simulation.robot import load_robot
+    from walkerkit.gap.simulation.load_robot import load_robot
 
     made = with_servos(
         model, kp=kp, kd=kd, joints=joint or (), effort=effort, allow_outside=allow_outside
@@ -72,7 +72,7 @@ def hang(
 ) -> None:
     """Hang a robot that floats up by its trunk, for experiments on its joints."""
     from walkerkit.gap.own_robot.hang import hung
-    from walkerkit.gap.simulation.robot import load_robot
+    from walkerkit.gap.simulation.load_robot import load_robot
 
     made = hung(model, height=height, allow_outside=allow_outside)
     _check_free(out, overwrite)
@@ -107,7 +107,7 @@ def excite(
     from walkerkit.gap.own_robot.excite import targets_for
     from walkerkit.gap.recordings.files import write as write_columns
     from walkerkit.gap.report.output import check_folder, write_folder
-    from walkerkit.gap.simulation.robot import load_robot
+    from walkerkit.gap.simulation.load_robot import load_robot
 
     check_folder(out)
     battery = targets_for(

@@ -21,7 +21,8 @@ import numpy as np
 from walkerkit.gap.errors import refusal
 from walkerkit.gap.own_robot.mjcf_text import Element, MjcfText
 from walkerkit.gap.simulation.base import Base
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
+from walkerkit.gap.simulation.robot import Robot
 
 _CLEARANCE = 0.05  # m, that stays below the longest leg
 

@@ -25,7 +25,8 @@ import numpy as np
 from walkerkit.actuators.drive import Drive
 from walkerkit.gap.errors import closest, refusal
 from walkerkit.gap.own_robot.mjcf_text import Element, MjcfText
-from walkerkit.gap.simulation.robot import Joint, Robot, load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
+from walkerkit.gap.simulation.robot import Joint, Robot
 
 _LAW = (
     *("gaintype", "biastype", "dyntype", "gainprm", "biasprm", "dynprm", "actdim", "actearly"),

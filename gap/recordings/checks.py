@@ -12,7 +12,7 @@ from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 
 if TYPE_CHECKING:  # reading a log checks its units, and a manifest reads logs
-    from walkerkit.gap.recordings.manifest import Experiment
+    from walkerkit.gap.experiments.experiment import Experiment
 
 _FEWEST_SAMPLES = 20  # of a recording
 _FEWEST_IN_WINDOW = 8

@@ -30,7 +30,8 @@ from walkerkit.gap.rehearsal.hardware_drive import Drives, Source
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, loudness
 from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NOT_THE_ROBOTS
-from walkerkit.gap.simulation.robot import Measurement, Robot, load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
+from walkerkit.gap.simulation.robot import Measurement, Robot
 from walkerkit.gap.simulation.sidecar import FILE, with_sidecar
 from walkerkit.tasks.excitation import BATTERY
 from walkerkit.walkers.batch import without_warnings

@@ -11,21 +11,23 @@ from contextlib import contextmanager
 from dataclasses import replace
 from errno import EISDIR
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from walkerkit.gap.deliver.written import write_mended
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.report.experiments import mended_experiments
+from walkerkit.gap.report.hints import stopgap_file
 from walkerkit.gap.report.page import write_report
 from walkerkit.gap.report.planner import FILE as TARGETS
 from walkerkit.gap.report.planner import MODEL as CHANGED
-from walkerkit.gap.report.result import Result
 from walkerkit.gap.simulation.mend import write_model
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar
-from walkerkit.gap.stopgap.hints import stopgap_file
 from walkerkit.gap.stopgap.learned import LearnedDrive
+
+if TYPE_CHECKING:
+    from walkerkit.gap.report.result import Result
 
 RUN, WRITING = ".walkerkit-run.json", ".writing-"
 DIAGNOSES = "diagnosis"  # the kind of a run that `diagnose` makes

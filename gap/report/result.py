@@ -23,6 +23,7 @@ from walkerkit.gap.report.locate import standing_out
 from walkerkit.gap.report.misfits import misfits
 from walkerkit.gap.report.named import confusion_set, considered, named_effects
 from walkerkit.gap.report.notes import notes
+from walkerkit.gap.report.output import save
 from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
 from walkerkit.gap.report.replayed import (
     gap_maps,
@@ -195,8 +196,6 @@ class Result:
         Raises:
             InputError: the folder cannot be written.
         """
-        from walkerkit.gap.report.output import save
-
         return save(self, Path(folder))
 
 

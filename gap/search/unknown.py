@@ -17,8 +17,8 @@ from scipy.special import expit, gammaln
 
 from walkerkit.gap.search.decision import LEAST_GAIN, PRICE_UNKNOWN, TAILS, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.residual_effort import ResidualEffort, residual_effort
 from walkerkit.gap.simulation.robot import Robot
-from walkerkit.gap.stopgap.residual import ResidualEffort, residual_effort
 
 FloatArray = NDArray[np.float64]
 

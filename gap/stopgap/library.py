@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.stopgap.residual import ResidualEffort
+from walkerkit.gap.search.residual_effort import ResidualEffort
 
 FloatArray = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.search.residual_effort import ResidualEffort
 from walkerkit.gap.stopgap.library import Term, library
-from walkerkit.gap.stopgap.residual import ResidualEffort
 
 FloatArray = NDArray[np.float64]
 

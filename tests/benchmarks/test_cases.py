@@ -21,7 +21,7 @@ from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.rehearsal.hardware_drive import load_rig
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NAMELESS
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.walkers import LEG_XML
 
 

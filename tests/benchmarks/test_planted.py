@@ -26,9 +26,10 @@ from benchmarks.rivals.logs import LOGS, RealLog
 from benchmarks.rivals.plain import plain
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.experiments.experiment import Experiment
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.mend import mend, write_model
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 from walkerkit.gap.simulation.trials import Trials
 

@@ -14,7 +14,8 @@ from scipy.signal import lfilter
 
 from walkerkit.gap import InputError, compare
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.simulation.robot import Robot, load_robot, robot_from_spec
+from walkerkit.gap.simulation.load_robot import load_robot, robot_from_spec
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.units import (
     velocity_likeness,
     with_checked_angles,

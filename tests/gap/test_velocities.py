@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.units import with_checked_velocities
 from walkerkit.gap.velocities import disagreement
 

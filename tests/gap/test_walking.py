@@ -15,8 +15,8 @@ from walkerkit.gap.simulated_unit import Unit
 from walkerkit.gap.simulation.base_estimate import with_known_base
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.floating import suited
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.replay import Replay, as_they_are
-from walkerkit.gap.simulation.robot import load_robot
 from walkerkit.walkers.gait import Trot
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from walkerkit.gap import compare
-from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.wiring import Kind, WiringError, exchanged, named_errors
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.wiring import rewired_experiments
 
 # Two legs that are alike, as a biped's are.

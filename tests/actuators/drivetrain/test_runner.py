@@ -25,8 +25,8 @@ from walkerkit.actuators.drivetrain import (
 )
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.replay import Channel, Replay
-from walkerkit.gap.simulation.robot import load_robot
 from walkerkit.gap.simulation.trials import Trials
 from walkerkit.walkers import LEG_XML, Leg, MjcfWalker
 

@@ -12,7 +12,7 @@ from walkerkit.gap.deliver import apply
 from walkerkit.gap.deliver.patch import differences
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 
 # Another revision: other units, names and places of actuators, two files, more around the robot.

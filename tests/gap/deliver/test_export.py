@@ -15,7 +15,7 @@ from walkerkit.gap.deliver.randomization import posterior, randomization_code
 from walkerkit.gap.deliver.trainers import TRAINERS, table, way
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 
 
 @pytest.fixture

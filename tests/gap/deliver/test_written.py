@@ -16,8 +16,8 @@ from walkerkit.gap.deliver.patch import differences
 from walkerkit.gap.deliver.versions import needed
 from walkerkit.gap.deliver.written import patched, write_mended
 from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.mend import mend
-from walkerkit.gap.simulation.robot import load_robot
 from walkerkit.gap.simulation.trials import Trials
 
 

@@ -10,7 +10,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from walkerkit.gap.simulation.robot import Excursion, robot_from_spec
+from walkerkit.gap.simulation.load_robot import robot_from_spec
+from walkerkit.gap.simulation.robot import Excursion
 from walkerkit.gap.simulation.wave import Wave
 
 INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")

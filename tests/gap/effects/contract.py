@@ -20,8 +20,8 @@ from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.screen import screen
 from walkerkit.gap.search.structure import Structure, candidate_terms
 from walkerkit.gap.simulation.excursion import excursions
+from walkerkit.gap.simulation.load_robot import load_robot, robot_from_spec
 from walkerkit.gap.simulation.mend import mend, write_model
-from walkerkit.gap.simulation.robot import load_robot, robot_from_spec
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 from walkerkit.gap.simulation.trials import Trials
 

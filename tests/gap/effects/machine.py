@@ -10,8 +10,8 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole, windows
 from walkerkit.gap.simulation.channel import Channel, base_channels
 from walkerkit.gap.simulation.excursion import excursions
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Replay
-from walkerkit.gap.simulation.robot import robot_from_spec
 
 STEP = 0.002
 WINDOW = 0.5

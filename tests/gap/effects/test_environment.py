@@ -9,7 +9,7 @@ import pytest
 from tests.gap.effects.contract import EffectContract, replayed
 from tests.gap.effects.machine import LEG, PLAIN
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
 

@@ -10,8 +10,8 @@ import pytest
 from tests.gap.effects.machine import JOINTS
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.search.structure import Structure, candidate_terms
+from walkerkit.gap.simulation.load_robot import load_robot, robot_from_spec
 from walkerkit.gap.simulation.mend import mend, write_model
-from walkerkit.gap.simulation.robot import load_robot, robot_from_spec
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 
 # What says itself how large it is, where the others say how much there is more.

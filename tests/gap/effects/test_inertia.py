@@ -7,8 +7,8 @@ import pytest
 from tests.gap.effects.contract import EffectContract
 from tests.gap.effects.machine import LEG, PLAIN
 from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.mend import mend
-from walkerkit.gap.simulation.robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
 

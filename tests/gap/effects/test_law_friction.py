@@ -12,8 +12,8 @@ from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Channel, Replay
-from walkerkit.gap.simulation.robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
 

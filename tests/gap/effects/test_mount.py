@@ -7,8 +7,8 @@ import pytest
 from tests.gap.effects.contract import EffectContract
 from tests.gap.effects.machine import JOINTS, LEG, PLAIN, robot_of
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.mount import MOUNTS, STAND, with_mount
-from walkerkit.gap.simulation.robot import robot_from_spec
 
 STIFFNESS, RATIO = 400.0, 0.15  # N·m/rad, 1
 STAND_XML = """

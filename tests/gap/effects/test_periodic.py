@@ -9,7 +9,8 @@ import pytest
 from tests.gap.effects.contract import EffectContract
 from tests.gap.effects.test_law_friction import stiffened
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.simulation.robot import Excursion, robot_from_spec
+from walkerkit.gap.simulation.load_robot import robot_from_spec
+from walkerkit.gap.simulation.robot import Excursion
 from walkerkit.gap.simulation.wave import Wave
 
 ARM = """

@@ -17,7 +17,7 @@ from tests.gap.ingest.writers import JOINTS, WRITERS, matrix
 from walkerkit.gap import InputError, Recording
 from walkerkit.gap.ingest.column_map import ColumnMap
 from walkerkit.gap.ingest.importing import Imported, import_log
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.walkers.leg import LEG_XML
 
 

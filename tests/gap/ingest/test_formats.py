@@ -11,11 +11,11 @@ import pytest
 from tests.gap.ingest.writers import JOINTS, WRITERS, Format
 from walkerkit import gap
 from walkerkit.gap import Recording
+from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.ingest.column_map import ColumnMap
 from walkerkit.gap.ingest.importing import import_log
 from walkerkit.gap.ingest.reading import is_foreign
-from walkerkit.gap.recordings.manifest import load_experiments
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.walkers.leg import LEG_XML
 
 PERCENT = """

@@ -9,7 +9,7 @@ import pytest
 
 from walkerkit.gap import InputError, cli
 from walkerkit.gap.own_robot.excite import ORDER, targets_for
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.tasks.excitation import BATTERY
 from walkerkit.walkers.leg import LEG_XML
 

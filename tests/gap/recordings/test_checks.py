@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.recordings.checks import (
     check_recordings,
     check_window,
@@ -18,7 +19,6 @@ from walkerkit.gap.recordings.checks import (
     without_echoes,
     without_placeholders,
 )
-from walkerkit.gap.recordings.manifest import Experiment
 from walkerkit.gap.recordings.recording import Recording
 
 

@@ -15,11 +15,11 @@ from dm_control import mjcf
 from tests.gap.servo import SERVO
 from walkerkit import gap
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.recordings.given import listed, model_name, recording_of
-from walkerkit.gap.recordings.manifest import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.rehearse import rehearse
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.workflow import effect_names
 from walkerkit.walkers import MjcfWalker
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.experiments.experiment import Experiment, load_experiments, load_manifest
+from walkerkit.gap.experiments.split import split_in_time
 from walkerkit.gap.recordings.checks import check_recordings
-from walkerkit.gap.recordings.manifest import Experiment, load_experiments, load_manifest
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.spans import Skip
-from walkerkit.gap.recordings.split import split_in_time
 
 TIME = np.arange(0, 12, 0.01)
 

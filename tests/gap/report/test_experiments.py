@@ -13,7 +13,7 @@ import pytest
 
 from tests.gap.servo import SERVO
 from walkerkit.gap import steps
-from walkerkit.gap.recordings.manifest import load_experiments
+from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.report.experiments import mended_experiments, next_experiments
 

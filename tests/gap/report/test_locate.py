@@ -11,8 +11,8 @@ from walkerkit.gap.recordings.segments import whole, windows
 from walkerkit.gap.report.locate import gap_map, locate, standing_out
 from walkerkit.gap.report.regimes import EVERYWHERE, regimes
 from walkerkit.gap.simulation.excursion import excursions
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Channel, Replay
-from walkerkit.gap.simulation.robot import robot_from_spec
 
 LEG = """
 <mujoco><compiler angle="radian"/><option gravity="0 0 0"/>

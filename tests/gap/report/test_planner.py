@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.recordings.manifest import load_experiments
+from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect

@@ -15,7 +15,8 @@ from walkerkit.gap.report.planner import Plan, next_experiment
 from walkerkit.gap.report.set_ups import SetUp, set_ups
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, Term
-from walkerkit.gap.simulation.robot import Robot, load_robot, robot_from_spec
+from walkerkit.gap.simulation.load_robot import load_robot, robot_from_spec
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 from walkerkit.walkers.leg import LEG_XML
 

@@ -10,7 +10,7 @@ from walkerkit.gap.effects.friction import ViscousFriction
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.rehearsal.rehearse import rehearse
 from walkerkit.gap.search.buildable import buildable, why_not
-from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 
 ARM = """
 <mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>

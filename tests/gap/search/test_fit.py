@@ -29,8 +29,9 @@ from walkerkit.gap.search.settle import robustly, settled
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term, candidate_terms, carried
 from walkerkit.gap.simulation.excursion import excursions
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
-from walkerkit.gap.simulation.robot import Excursion, robot_from_spec
+from walkerkit.gap.simulation.robot import Excursion
 from walkerkit.gap.simulation.trials import Trials
 
 STEP = 0.002

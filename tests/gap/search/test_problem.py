@@ -7,7 +7,7 @@ import pytest
 
 from tests.gap.servo import SERVO
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.recordings.manifest import load_experiments
+from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search.fit import evaluate

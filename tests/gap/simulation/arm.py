@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import mujoco
 
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Channel
-from walkerkit.gap.simulation.robot import Robot, robot_from_spec
+from walkerkit.gap.simulation.robot import Robot
 
 _ARM = """
 <mujoco><compiler angle="radian"/>

@@ -9,8 +9,8 @@ from walkerkit.actuators.drive import on_joint, read_inputs
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.simulation.channel import Channel
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Replay
-from walkerkit.gap.simulation.robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
 STEPS = 4  # of the simulation to a row

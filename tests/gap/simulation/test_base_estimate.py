@@ -16,7 +16,7 @@ from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.standing import standing_targets, write_standing
 from walkerkit.gap.simulation.base_estimate import with_estimated_base, with_known_base
 from walkerkit.gap.simulation.floating import suited
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -14,8 +14,9 @@ from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Case
 from walkerkit.gap.simulation.branches import branches, met
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Channel
-from walkerkit.gap.simulation.robot import Robot, robot_from_spec
+from walkerkit.gap.simulation.robot import Robot
 
 LEG = """
 <body name="{side}_thigh" pos="0 {y} 0">

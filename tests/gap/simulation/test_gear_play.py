@@ -14,10 +14,10 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.gear_play import with_play
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.mended import Mended
 from walkerkit.gap.simulation.replay import Replay
-from walkerkit.gap.simulation.robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
 ROTOR, WEIGHT = 0.004, 0.5 * 9.81 * 0.1  # kg·m²; N·m

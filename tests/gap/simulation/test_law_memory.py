@@ -16,8 +16,8 @@ from walkerkit.actuators.drivetrain import (
 )
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, whole
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Channel, Replay
-from walkerkit.gap.simulation.robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
 STEP = 0.002

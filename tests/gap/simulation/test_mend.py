@@ -19,9 +19,10 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import windows
 from walkerkit.gap.search.structure import Structure, candidate_terms
 from walkerkit.gap.simulation.excursion import excursions
+from walkerkit.gap.simulation.load_robot import load_robot, robot_from_spec
 from walkerkit.gap.simulation.mend import mend, write_model
 from walkerkit.gap.simulation.replay import Channel, Replay
-from walkerkit.gap.simulation.robot import Measurement, load_robot, robot_from_spec
+from walkerkit.gap.simulation.robot import Measurement
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 from walkerkit.gap.simulation.trials import Trials
 

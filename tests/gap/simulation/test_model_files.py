@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.simulation.robot import load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
 
 BODY = """<worldbody><body>
   <joint name="knee"/><geom {geom}/>{more}

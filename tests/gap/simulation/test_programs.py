@@ -23,10 +23,11 @@ from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.simulation.channel import Channel
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.mended import Mended
 from walkerkit.gap.simulation.replay import Replay
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.start import state_offset
 from walkerkit.gap.simulation.trials import Trials

@@ -11,7 +11,8 @@ import pytest
 
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.simulation.base import Base
-from walkerkit.gap.simulation.robot import Excursion, Measurement, load_robot, robot_from_spec
+from walkerkit.gap.simulation.load_robot import load_robot, robot_from_spec
+from walkerkit.gap.simulation.robot import Excursion, Measurement
 from walkerkit.walkers import LEG_XML
 
 DATA = Path(os.environ.get("WALKERKIT_DATA", Path(__file__).parents[4] / "shared" / "data"))

@@ -10,8 +10,8 @@ from walkerkit.actuators.drivetrain.drive import ActuatorLag, Cogging, Quadratic
 from walkerkit.actuators.drivetrain.friction import AsymmetricFriction, LoadDependentFriction
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Replay
-from walkerkit.gap.simulation.robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 
 STEP = 0.002

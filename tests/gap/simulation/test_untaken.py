@@ -11,7 +11,7 @@ from tests.gap.simulation.own_log import gaps, own_log
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.simulation.commands import by_effort_alone, routes
-from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.untaken import before_gear, check_memory
 from walkerkit.gap.units import with_checked_angles
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.simulation.robot import robot_from_spec
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.waves import nominal_effort, waves
 
 STEP = 0.002

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from walkerkit.gap.stopgap.residual import ResidualEffort
+from walkerkit.gap.search.residual_effort import ResidualEffort
 from walkerkit.gap.stopgap.sparse import formula
 
 NOISE = 0.02  # N·m

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.recordings.recording import Recording
 
 Recordings = tuple[tuple[Recording, ...], ...]

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 from walkerkit.gap.report.diagnosis import Diagnosis, Hint
 from walkerkit.gap.report.gaps import GapSize
 from walkerkit.gap.report.regimes import EVERYWHERE
+from walkerkit.gap.search.residual_effort import residual_effort
 from walkerkit.gap.stopgap.learned import LearnedDrive, learned_drive, why_none
-from walkerkit.gap.stopgap.residual import residual_effort
 from walkerkit.gap.stopgap.sparse import Formula, formula
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ import pytest
 
 from tests.gap.stopgap import rig
 from walkerkit import gap
-from walkerkit.gap.stopgap.residual import residual_effort
+from walkerkit.gap.search.residual_effort import residual_effort
 from walkerkit.gap.stopgap.sparse import formula
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from walkerkit.gap.recordings.manifest import Experiment
+from walkerkit.gap.experiments.experiment import Experiment
+from walkerkit.gap.experiments.split import is_in_time, split, split_in_time
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.split import is_in_time, split, split_in_time
 
 
 def recording(name, time=None):

@@ -39,7 +39,8 @@ from walkerkit.gap.recordings.given import (
 )
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.spans import Skip, check_skips, spans_of
-from walkerkit.gap.simulation.robot import Robot, load_robot
+from walkerkit.gap.simulation.load_robot import load_robot
+from walkerkit.gap.simulation.robot import Robot
 
 _KEYS = ("model", "recordings", "held_out", "skip", "map")
 _COMMANDS = {"experiment": "diagnose", "robot": "diagnose-fleet"}  # by what a file lists

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from tests.gap.recordings.bag import (
     JOINTS,
     array,
@@ -18,8 +17,9 @@ from tests.gap.recordings.bag import (
     trajectory_of,
     write_bag,
 )
+
 from walkerkit.gap import InputError, Recording
-from walkerkit.gap.recordings.rosbag import load_bag
+from walkerkit.gap.ingest.rosbag import load_bag
 
 FIRST = 10 / 200  # s, when the first command is given
 

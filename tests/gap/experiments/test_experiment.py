@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.recordings.manifest import Experiment, load_experiments, load_manifest
+from walkerkit.gap.experiments.experiment import Experiment, load_experiments, load_manifest
 from walkerkit.gap.recordings.recording import Recording
 
 DATA = Path(os.environ.get("WALKERKIT_DATA", Path(__file__).parents[4] / "shared" / "data"))

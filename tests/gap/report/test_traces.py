@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from walkerkit.gap.deliver.traces import write_traces
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.report.traces import write_traces
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""Models with their recordings, and which of these are held out."""
