@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.gap.recordings.bag import write_bag
 
 from tests import pages
+from tests.gap.ingest.bag import write_bag
 from walkerkit.gap.effects import CATALOGUE
 
 PACKAGES = ("gap", "actuators", "walkers", "tasks")

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.gap.recordings.bag import (
+
+from tests.gap.ingest.bag import (
     JOINTS,
     array,
     command,
@@ -17,7 +18,6 @@ from tests.gap.recordings.bag import (
     trajectory_of,
     write_bag,
 )
-
 from walkerkit.gap import InputError, Recording
 from walkerkit.gap.ingest.rosbag import load_bag
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.gap.recordings.bag import trajectory_of
 
+from tests.gap.ingest.bag import trajectory_of
 from walkerkit.gap.recordings.trajectory import Course, targets_of
 
 TIME = (0.5, 1.0, 2.5)
