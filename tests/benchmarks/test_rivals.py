@@ -157,14 +157,14 @@ class TestPublished:
         size = gap.replay(servo, (robot,)).gap.position
         assert size.after < 0.1 * size.before
 
-    def test_of_the_double_pendulum_is_what_the_readme_says(self, real_logs, repository):
+    def test_of_the_double_pendulum_is_what_the_evidence_says(self, real_logs, repository):
         (log,) = (log for log in LOGS if log.name == "double_pendulum")
         problem = log.load()
         made = log.figure(problem, gap.replay(problem, published(log.name, problem)).gap)
         told = ", ".join(f"{value:.4f}" for value in made)
         row = next(
             line
-            for line in (repository / "README.md").read_text(encoding="utf-8").splitlines()
+            for line in (repository / "docs/evidence.md").read_text(encoding="utf-8").splitlines()
             if line.startswith("| makers' parameters")
         )
         assert f"{told} rad" in row
