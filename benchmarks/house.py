@@ -116,13 +116,11 @@ def run(*, quick: bool) -> list[Row]:
     """Counts, which takes a second in any case."""
     files = modules()
     graph = imports(files)
-    sizes = {
-        name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in files.items()
-    }
+    sizes = {name: _lines(path) for name, path in files.items()}
     long = sorted((lines, name) for path in files.values() for name, lines in _functions(path))
     names = Counter(path.stem for path in files.values() if path.stem != "__init__")
     decides = sum(lines for name, lines in sizes.items() if DECIDES in files[name].parents)
-    tests = sum(len(p.read_text(encoding="utf-8").splitlines()) for p in ROOT.glob("tests/**/*.py"))
+    tests = sum(map(_lines, ROOT.glob("tests/**/*.py")))
     short = [
         n for n, k in sizes.items() if k < _SHORT and files[n].stem not in ("__init__", "__main__")
     ]
@@ -148,6 +146,10 @@ def run(*, quick: bool) -> list[Row]:
             required="none",
         ),
     ]
+
+
+def _lines(path: Path) -> int:
+    return len(path.read_text(encoding="utf-8").splitlines())
 
 
 def _functions(path: Path) -> Iterator[tuple[str, int]]:

@@ -27,12 +27,12 @@ from rich.table import Table
 from benchmarks import Row
 from benchmarks.plants.best import best_model
 from benchmarks.plants.cases import PLANTS, PlantedCase, cases
-from benchmarks.plants.outcome import PlantedOutcome
+from benchmarks.plants.outcome import FILE, PlantedOutcome, kept
 from benchmarks.plants.running import Job, run_case
 from benchmarks.plants.table import line, rows
 from walkerkit.gap.fleet import engine as engines
 
-FILE, BEST = "planted.jsonl", "best"
+BEST = "best"
 QUICK = ("go2_leg-gain_0.5", "go2_leg-payload", "emps-coulomb_friction")
 """Cases that fit in a few minutes."""
 
@@ -62,8 +62,7 @@ def outcomes(
         return
     out.mkdir(parents=True, exist_ok=True)
     file = out / FILE
-    texts = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    known = {one.case: one for one in map(PlantedOutcome.from_json, texts)}
+    known = {one.case: one for one in kept(file)} if file.exists() else {}
     yield from (known[case.name] for case in chosen if case.name in known)
     left = _with_logs([case for case in chosen if case.name not in known], out / BEST)
     asked = [Job(case=case, best=out / BEST) for case in left]
@@ -71,8 +70,8 @@ def outcomes(
         if done.failure is not None:
             raise RuntimeError(f"{left[done.index].name}: {done.failure.message}")
         print(line(done.value), flush=True)
-        with file.open("a", encoding="utf-8") as kept:
-            kept.write(done.value.to_json() + "\n")
+        with file.open("a", encoding="utf-8") as lines:
+            lines.write(done.value.to_json() + "\n")
         yield done.value
 
 

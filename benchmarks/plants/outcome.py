@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from benchmarks.hidden.outcome import Outcome
 
+FILE = "planted.jsonl"
 SHOWS = 1.2
 """From where on a plant shows: by so much it raises the held-out gap of some signal."""
 
@@ -61,6 +63,11 @@ class PlantedOutcome:
         table = tuple((what, elpd, prior) for what, elpd, prior in data.get("table", ()))
         outcome = Outcome.from_json(json.dumps(data["outcome"]))
         return cls(**{**data, "outcome": outcome, "table": table})
+
+
+def kept(file: Path) -> list[PlantedOutcome]:
+    """The outcomes of a file, a line each."""
+    return [*map(PlantedOutcome.from_json, file.read_text(encoding="utf-8").splitlines())]
 
 
 def shows(best: Mapping[str, float], planted: Mapping[str, float]) -> bool:

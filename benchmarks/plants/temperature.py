@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.plants.outcome import PlantedOutcome
+from benchmarks.plants.outcome import FILE, PlantedOutcome, kept
 from benchmarks.plants.scoring import told
 from walkerkit.gap.search.decision import TEMPERATURE
 
@@ -54,8 +54,7 @@ def main() -> None:
     """Prints the log score of both halves at several temperatures."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.plants.temperature")
     parser.add_argument("folder", type=Path, help="that of `benchmarks planted`")
-    lines = (parser.parse_args().folder / "planted.jsonl").read_text(encoding="utf-8").splitlines()
-    outcomes = [one for one in map(PlantedOutcome.from_json, lines) if one.table]
+    outcomes = [one for one in kept(parser.parse_args().folder / FILE) if one.table]
     halves = {half: told(outcomes, half) for half in ("to fit", "to tell")}
     table = Table("T", *(f"{half} ({len(some)})" for half, some in halves.items()))
     for temperature in TEMPERATURES:

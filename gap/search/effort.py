@@ -74,9 +74,7 @@ class Effort:
         """Has what is `checked` end what is being tried."""
         self.stopped = True
 
-    def checked(
-        self, progress: Callable[[str, float], None] | None
-    ) -> Callable[[str, float], None]:
+    def checked(self, progress: Progress | None) -> Progress:
         """To be called now and then: as `progress`; raises `EnoughError` once `stop` was called."""
 
         def check(stage: str, done: float) -> None:

@@ -11,15 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from walkerkit.gap.effects import Effect, Parameter
 from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import polished
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.settle import settled
-from walkerkit.gap.search.structure import Fit, Structure, Term, carried
+from walkerkit.gap.search.structure import Fit, Structure, Term, carried, extended
 
 _STEPS = 20  # of a fit to a part, the most
 _PASSES = 2  # of fitting and finding the numerical error again
@@ -48,13 +46,7 @@ def ground(
     terms = problem.terms(ordinary)
     if not terms:
         return nothing
-    structure = Structure((*nothing.structure.terms, *terms), problem.robots)
-    found = Fit(
-        structure=structure,
-        values=carried(nothing.values, nothing.structure, structure),
-        score=np.inf,
-        mean_square=np.full(len(problem.channels), np.inf),
-    )
+    found = extended(nothing, terms)
     problem.searched.look_at(nothing.case)
     stage = "ordinary effects"
     for part in problem.parts:

@@ -21,7 +21,7 @@ from walkerkit.gap.search.naming import Explanation, begin, leaves_nothing, name
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import Slopes, linearised
-from walkerkit.gap.search.structure import Fit, Structure, carried
+from walkerkit.gap.search.structure import Fit, extended
 from walkerkit.gap.simulation.commands import Hold
 
 _OTHERS: tuple[Hold, ...] = ("linear", "next")
@@ -115,10 +115,4 @@ def _beside_all_that_is_ordinary(problem: Problem, known: Fit) -> Fit:
     present = {term.effect.name for term in known.structure.terms}
     ordinary = [e for e in CATALOGUE.values() if e.ordinary and e.name not in present]
     effects, _ = buildable(ordinary, problem.robots, problem.joints)
-    structure = Structure((*known.structure.terms, *problem.terms(effects)), problem.robots)
-    return Fit(
-        structure=structure,
-        values=carried(known.values, known.structure, structure),
-        score=np.inf,
-        mean_square=np.full(len(problem.channels), np.inf),
-    )
+    return extended(known, problem.terms(effects))

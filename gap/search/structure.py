@@ -233,6 +233,17 @@ def merged(structure: Structure) -> Structure:
     return Structure(tuple(terms.values()), structure.robots)
 
 
+def extended(one: Fit, terms: Sequence[Term]) -> Fit:
+    """A fit with further terms, which change nothing yet, to be fitted."""
+    structure = Structure((*one.structure.terms, *terms), one.structure.robots)
+    return Fit(
+        structure=structure,
+        values=carried(one.values, one.structure, structure),
+        score=np.inf,
+        mean_square=np.full(len(one.mean_square), np.inf),
+    )
+
+
 def candidate_terms(
     effects: Sequence[Effect], robots: Sequence[Robot], joints: Sequence[str]
 ) -> tuple[Term, ...]:

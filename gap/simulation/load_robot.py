@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -107,20 +109,20 @@ def _made_by(source: str) -> Any:
             f"{source}: {module_name!r} has no function {function_name!r}"
             f"{closest(function_name, vars(module))}. Name one that returns the walker."
         )
-    try:
+    with _of_the_user(source):
         return make()
-    except InputError:
-        raise
-    except Exception as error:  # it is the user's function
-        raise InputError(
-            f"{source}: it raised {type(error).__name__}: {one_line(error)}. "
-            "Mend it until it returns the walker without arguments."
-        ) from error
 
 
 def _spec_of(made: Any, source: str, floating: bool) -> mujoco.MjSpec:
-    try:
+    with _of_the_user(source):
         return spec_of(made, source, floating=floating)
+
+
+@contextmanager
+def _of_the_user(source: str) -> Iterator[None]:
+    """Says of whatever is raised that the user's function raised it."""
+    try:
+        yield
     except InputError:
         raise
     except Exception as error:  # it is the user's function

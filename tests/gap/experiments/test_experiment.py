@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from walkerkit.gap.errors import InputError
+from tests.gap.refused import refused
 from walkerkit.gap.experiments.experiment import Experiment, load_experiments, load_manifest
 from walkerkit.gap.recordings.recording import Recording
 
@@ -48,15 +47,6 @@ def experiment(**values: Any) -> str:
     """An [[experiment]]; a string is written as it is."""
     good = {"model": '"kp1.xml"', "recordings": '["logs/a.csv"]'} | values
     return "[[experiment]]\n" + "".join(f"{k} = {v}\n" for k, v in good.items() if v)
-
-
-def refused(action: Callable[[], object], *parts: str) -> None:
-    with pytest.raises(InputError) as caught:
-        action()
-    message = str(caught.value)
-    assert len(message.splitlines()) == 1, message
-    for part in parts:
-        assert part in message
 
 
 def names(experiment: Experiment) -> list[str]:

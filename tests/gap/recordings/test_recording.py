@@ -20,6 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.fuzzing.files import bomb
+from tests.gap.refused import refused
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings import files
 from walkerkit.gap.recordings.recording import BASE, SIGNALS, TARGETS, Recording
@@ -67,17 +68,6 @@ def write_npz(path: Path, content: dict[str, Any]) -> Path:
 def write_parquet(path: Path, content: dict[str, Any]) -> Path:
     pyarrow.parquet.write_table(pyarrow.table(content), path)
     return path
-
-
-def refused(action: Callable[[], object], *parts: str) -> str:
-    """The message of the InputError that `action` raises: one line that has all `parts`."""
-    with pytest.raises(InputError) as caught:
-        action()
-    message = str(caught.value)
-    assert len(message.splitlines()) == 1, message
-    for part in parts:
-        assert part in message
-    return message
 
 
 def refused_file(path: Path, *parts: str) -> str:
