@@ -17,6 +17,7 @@ from walkerkit.gap.search.compare import Member, Table, is_worth_a_name
 from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
+from walkerkit.gap.search.score import Wildness
 from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes
 from walkerkit.gap.search.structure import Fit
 
@@ -75,11 +76,8 @@ class Book:
         problem, objective = self._problem, self._problem.fit.objective
         if beside is not None and not smaller:
             self._tried(one, beside)
-        if not np.isfinite(one.score) or (
-            beside is not None
-            and not smaller
-            and (one.score - beside.score) * objective.samples > _OUT_OF_REACH * TEMPERATURE
-        ):
+        rival = beside is not None and not smaller
+        if not np.isfinite(one.score) or (rival and self._out_of_reach(one, beside)):
             return one
         problem.fit.refine(one)
         slopes = self._slopes_beside(one, beside)
@@ -159,6 +157,15 @@ class Book:
             return self.slopes(one)
         (found,) = near_slopes(self._problem.fit.objective, self._known[1], [one])
         return found
+
+    def _out_of_reach(self, one: Fit, beside: Fit) -> bool:
+        """Whether a fit is far behind one beside it, in all blocks and by their density."""
+        objective, reach = self._problem.fit.objective, _OUT_OF_REACH * TEMPERATURE
+        if (one.score - beside.score) * objective.samples <= reach:
+            return False
+        (before,), (after,) = objective.residuals([beside.case, one.case])
+        wildness = Wildness(objective, before, self._problem.noise)
+        return wildness.density(before) - wildness.density(after) > reach
 
     def _tried(self, one: Fit, beside: Fit) -> None:
         rare = [t for t in one.structure.terms if t.effect.fitted and not t.effect.ordinary]

@@ -6,6 +6,7 @@ Each is also simulated and read in other ways, which show the simulation's own n
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -122,7 +123,7 @@ class Searched:
 
     def look_at(self, case: Case) -> None:
         """Chooses them so that they hold their part of what one row of values leaves."""
-        if self.screen is self._fit:  # and so is the race
+        if self.screen is self._fit:  # and so is the race, or both are as they are
             return
         objective = self._fit.objective
         gaps = Gaps.of(objective, objective.simulated([case])[0][0])
@@ -132,6 +133,13 @@ class Searched:
             self._choose(gaps, self._longer)
             if not _tells_as_much(self.screen.objective, own, case):
                 self._choose(gaps, 1)
+
+    def as_it_is(self, race: Half, screen: Half) -> Searched:
+        """The same with other parts, which stay whatever is looked at."""
+        other = copy(self)
+        other._fit = other.screen = screen
+        other.race = race
+        return other
 
     def _choose(self, gaps: Gaps, longer: int) -> None:
         self.race = self._part(self._race_steps, STRETCH, gaps, longer)

@@ -12,7 +12,7 @@ in its place. Nothing here looks at recordings that are held out.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +30,7 @@ from walkerkit.gap.search.needed import only_needed
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
-from walkerkit.gap.search.settle import robustly
+from walkerkit.gap.search.settle import robustly, without_the_wild
 from walkerkit.gap.search.slopes import linearised, normal_equations
 from walkerkit.gap.search.structure import (
     Fit,
@@ -210,9 +210,7 @@ class _Search:
         while not leaves_nothing(problem, current) and len(_rare(current)) < MOST_RARE:
             if not self._effort.allows(f"{_NTH[len(_rare(current))]} rare effect"):
                 break
-            near = book.slopes(current)
-            for one in proposals(problem, current, near, effects, self._progress):
-                book.add(one, beside=current)
+            self._propose(effects, current)
             best = book.best.fit
             if len(_rare(best)) <= len(_rare(current)):
                 break
@@ -234,11 +232,35 @@ class _Search:
                 if effect is not term.effect
                 and (effect.name in always or book.has_tried(effect.name))
             ]
-            near = book.slopes(others)
-            for one in proposals(
-                problem, others, near, rivals, self._progress, pairs=False, always=always
-            ):
-                book.add(one, beside=others)
+            self._propose(rivals, others, pairs=False, always=always)
+
+    def _propose(
+        self,
+        effects: Sequence[Effect],
+        current: Fit,
+        *,
+        pairs: bool = True,
+        always: Collection[str] = (),
+    ) -> None:
+        """Enters what some effects promise on top of a fit.
+
+        Also where a few wild blocks do not outvote the rest.
+        """
+        problem, book = self._problem, self._book
+        near = book.slopes(current)
+        found = proposals(
+            problem, current, near, effects, self._progress, pairs=pairs, always=always
+        )
+        tame = without_the_wild(problem, current)
+        if tame is not None:
+            its = near.trusting(tame.fit.objective, current)
+            again = proposals(
+                tame, tame.fit.by_own_error(current), its, effects, self._progress, pairs=pairs
+            )
+            problem.fit.refine(current)
+            found += evaluate(problem.fit.objective, [(one.structure, one.values) for one in again])
+        for one in found:
+            book.add(one, beside=current)
 
 
 def _at_needed_places(problem: Problem, book: Book, full: Fit) -> Fit:

@@ -103,6 +103,10 @@ def proposals(
     problem.fit.refine(current)
     if race is not problem.fit.objective:
         best = best[: max(_FITTED, len(_of(best, always)))]
+        single = 1 + len(current.structure.terms)
+        # A general law wins any race against its plain case, to which it may have to give way.
+        plain = {name for one in best for name in one.structure.terms[-1].effect.extends}
+        best += [one for one in _of(starts, plain) if len(one.structure.terms) == single]
         best = polished(problem.fit.objective, best, near, iterations=_REFITS, certain=False)
     first: dict[object, Fit] = {}
     for one in sorted(best, key=lambda one: one.score):

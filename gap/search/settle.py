@@ -19,6 +19,7 @@ from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import CONVERGED, fits_finished, polish
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.score import Wildness
 from walkerkit.gap.search.slopes import Slopes, near_slopes
 from walkerkit.gap.search.structure import Fit
@@ -26,6 +27,7 @@ from walkerkit.gap.search.structure import Fit
 FloatArray = NDArray[np.float64]
 
 _WEIGHINGS, _REWEIGHED = 4, 3  # of blocks by how wild they are, and steps of a fit with each
+_HELD_BY_FEW = 0.5  # of the squares of a channel, that blocks hold which are trusted little
 
 
 def settled(
@@ -131,6 +133,33 @@ def robustly(
         return best
 
     return _in_one(half, one, made)
+
+
+def without_the_wild(problem: Problem, current: Fit) -> Problem | None:
+    """A problem in which blocks count as they do in the comparison, in the light of a fit.
+
+    Args:
+        problem: what is to be explained; its parts are chosen for the fit.
+        current: the fit.
+
+    Returns:
+        The problem, whose parts stay as they are; None where no few blocks hold most of the gaps,
+        so that the comparison sees what a root mean square does.
+    """
+    weighed: dict[int, Half] = {}
+    for half in (problem.fit, problem.race, problem.screen):
+        if id(half) in weighed:
+            continue
+        half.refine(current)
+        (residual,) = half.objective.residuals([current.case])[0]
+        trust = Wildness(half.objective, residual, problem.noise).trust(residual)
+        squares = half.objective.block_squares(residual)
+        counted = np.sum(trust * squares, axis=0)
+        if half is problem.fit and (counted >= _HELD_BY_FEW * squares.sum(axis=0)).all():
+            return None
+        weighed[id(half)] = half.trusting(trust)
+    fit, race, screen = (weighed[id(h)] for h in (problem.fit, problem.race, problem.screen))
+    return replace(problem, fit=fit, searched=problem.searched.as_it_is(race, screen))
 
 
 def _in_one(half: Half, start: Fit, make: Callable[[], Fit]) -> Fit:
