@@ -9,7 +9,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 export MUJOCO_GL ?= disable
 
-.PHONY: demo test lint bench docs package audit lock format install clean
+.PHONY: demo test test-fast lint bench docs package audit lock format install clean
 .DEFAULT_GOAL := demo
 
 demo: $(INSTALLED)
@@ -17,6 +17,9 @@ demo: $(INSTALLED)
 
 test: lint
 	$(BIN)/pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+
+test-fast: $(INSTALLED)
+	$(BIN)/pytest --fast --numprocesses 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -20,9 +20,12 @@ import mujoco
 import numpy as np
 from mkdocs.structure.files import File, Files
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parent))
+from _house import house
 from _plot import Panel, drawing
 
+from benchmarks.house import LAYERS, imports, modules
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import cut
@@ -71,6 +74,7 @@ def pages() -> Iterator[tuple[str, str | bytes]]:
             yield f"effects/{effect.name}.svg", signatures.picture(effect)
     for package in PACKAGES:
         yield f"reference/{package}.md", _reference(package)
+    yield "house.svg", house(LAYERS, imports(modules()))
     changes = Path(__file__).parents[1] / "CHANGELOG.md"
     yield "changes.md", changes.read_text(encoding="utf-8")
 

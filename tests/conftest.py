@@ -49,9 +49,16 @@ LONGEST = (
 )
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts the longest files first."""
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Lets the longest files be left out."""
+    parser.addoption("--fast", action="store_true", help="leave out the files that take longest")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Puts the longest files first, or leaves them out."""
     place = {ROOT / "tests" / name: k for k, name in enumerate(LONGEST)}
+    if config.getoption("--fast"):
+        items[:] = [item for item in items if item.path not in place]
     items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
