@@ -245,6 +245,30 @@ def _polishing(
     return best, slopes
 
 
+def promises(objective: Objective, starts: Sequence[Fit], near: Slopes | None) -> list[float]:
+    """The scores that one step from each start can hope for, by its slopes.
+
+    Args:
+        objective: what would be fitted.
+        starts: structures and values; their scores may be those on other recordings.
+        near: slopes of a fit that has numbers in common with all of them, to begin with.
+    """
+    found = []
+    for start in starts:  # one after the other, of which none has to be kept
+        (slopes,) = (
+            linearised_each([objective], [start])
+            if near is None
+            else near_slopes(objective, near, [start])
+        )
+        there = objective.at(start, slopes.residual)
+        if not np.isfinite(there.score):
+            found.append(np.inf)
+            continue
+        _, gain = _most_promising_first(there, *posterior_equations(objective, there, slopes))
+        found.append(there.score - gain)
+    return found
+
+
 def _most_promising_first(
     one: Fit, normal: FloatArray, gradient: FloatArray
 ) -> tuple[FloatArray, float]:

@@ -17,7 +17,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.settle import robustly, settled
 from walkerkit.gap.search.slopes import Slopes, linearised
-from walkerkit.gap.search.structure import Fit, Structure, Term, carried, merged
+from walkerkit.gap.search.structure import Fit, Structure, carried, merged
 
 FloatArray = NDArray[np.float64]
 
@@ -35,9 +35,8 @@ def only_needed(problem: Problem, member: Member) -> Fit:
     found = _by_itself(problem, member)
     slopes = linearised(objective, found)
     while found.structure.terms:
-        unknown, unfounded = _not_known(problem, found, slopes)
-        if unfounded is not None:
-            fewer = found.structure.without_term(unfounded)
+        unknown, fewer = _not_known(problem, found, slopes)
+        if fewer is not None:
             values = carried(found.values, found.structure, fewer)
             found = _settled(problem, found, fewer, values, slopes)
             slopes = linearised(objective, found)
@@ -55,19 +54,22 @@ def only_needed(problem: Problem, member: Member) -> Fit:
 
 def _not_known(
     problem: Problem, one: Fit, slopes: Slopes
-) -> tuple[list[tuple[str, str]], Term | None]:
+) -> tuple[list[tuple[str, str]], Structure | None]:
     """What of a fit is not known to be there.
 
     Returns:
-        Of the ordinary effects of each place the least known, if it is not known at all; and a rare
-        one that is not known anywhere.
+        Of the ordinary effects of each place the least known, if it is not known at all; and the
+        structure without a rare one where that is known least, if it is not known there.
     """
     structure, errors = one.structure, known_errors(problem, one, slopes)
     least: dict[str, tuple[float, str]] = {}
     for term in structure.terms:
         own = {place: float(errors[structure.columns(term, place)].max()) for place in term.places}
-        if term.effect.fitted and not term.effect.ordinary and max(own.values()) < KNOWN:
-            return [], term
+        if term.effect.fitted and not term.effect.ordinary and min(own.values()) < KNOWN:
+            places = tuple(place for place in own if place != min(own, key=own.__getitem__))
+            if term.shared or not places:
+                return [], structure.without_term(term)
+            return [], structure.replaced(term, replace(term, sites=places))
         for place, known in own.items() if term.effect.ordinary else ():
             if known < KNOWN:
                 least[place] = min(least.get(place, (np.inf, "")), (known, term.effect.name))

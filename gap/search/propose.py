@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
-from walkerkit.gap.search.fit import evaluate, fit, polished
+from walkerkit.gap.search.fit import evaluate, fit, polished, promises
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
 from walkerkit.gap.search.slopes import Slopes, slopes_to_carry
@@ -28,8 +28,8 @@ FloatArray = NDArray[np.float64]
 
 _BY_PROMISE, _BY_START, _PAIRS = 8, 4, 3  # that are raced
 _FEWEST = 3  # by promise, however little that is
-_WARM, _RACED = 2, 5  # steps of a fit to little of the recordings, after which so many go on
-_FITTED, _REFITS = 3, 2  # of those that are fitted to all, and steps of that
+_WARM = 2  # steps of a fit to little of the recordings
+_FITTED, _REFITS = 4, 4  # of those that promise most of all, and steps of a fit to it
 _OF_THE_LEAST = 0.7  # of the smallest gain worth a name, which more recordings may make up
 _MORE_THAN_ONE = 0.2  # by which two together promise more than any one, summed over the channels
 _HOPE = 0.5  # of the smallest gain worth a name, which a promise may fall short of
@@ -67,14 +67,13 @@ def proposals(
         progress(stage, 0.0)
     problem.searched.look_at(current.case)
     problem.screen.refine(current)
-    problem.race.refine(current)
     view = look(problem.screen, current, terms)
     chosen = _chosen(problem, view, always)
     if pairs:
         chosen += [view.start(pair) for pair in _pairs(view)]
     if not chosen:
         return []
-    screen, race = problem.screen.objective, problem.race.objective
+    screen = problem.screen.objective
     starts = fit(
         screen,
         evaluate(screen, chosen),
@@ -83,39 +82,31 @@ def proposals(
         progress=progress,
         stage=stage,
     )
-    starts.sort(key=lambda one: one.score)
-    starts = [*_of(starts, always), *(one for one in starts if one not in _of(starts, always))]
-    chosen = [(one.structure, one.values) for one in starts[: max(_RACED, len(always))]]
-    (own,) = evaluate(race, [(current.structure, current.values)])
-    raced = fit(
-        race,
-        evaluate(race, chosen),
-        race=[len(structure.terms) for structure, _ in chosen],
-        near=near if race is problem.fit.objective else slopes_to_carry(race, current),
-        progress=progress,
-        stage=stage,
-    )
-    raced.sort(key=lambda one: one.score)
-    reach = own.score - _OF_THE_LEAST * least_gain(problem)
-    best = _of(raced, always)
-    best += [one for one in raced if one not in best and one.score < reach]
-    best = [one for one in best if np.isfinite(one.score)]
     problem.fit.refine(current)
-    if race is not problem.fit.objective:
-        best = best[: max(_FITTED, len(_of(best, always)))]
-        single = 1 + len(current.structure.terms)
-        # A general law wins any race against its plain case, to which it may have to give way.
-        plain = {name for one in best for name in one.structure.terms[-1].effect.extends}
-        best += [one for one in _of(starts, plain) if len(one.structure.terms) == single]
-        best = polished(problem.fit.objective, best, near, iterations=_REFITS, certain=False)
+    objective = problem.fit.objective
+    (own,) = evaluate(objective, [(current.structure, current.values)])
+    promised = promises(objective, starts, near)
+    order = sorted(range(len(starts)), key=lambda k: promised[k])
+    reach = own.score - _OF_THE_LEAST * least_gain(problem)
+    best = [starts[k] for k in order if promised[k] < reach][:_FITTED]
+    # A general law promises more than its plain case, to which it may have to give way.
+    plain = {name for one in best for name in one.structure.terms[-1].effect.extends}
+    single = 1 + len(current.structure.terms)
+    best += [
+        one
+        for one in starts
+        if one not in best
+        and (_is_of(one, always) or (_is_of(one, plain) and len(one.structure.terms) == single))
+    ]
+    best = polished(objective, best, near, iterations=_REFITS, certain=False)
     first: dict[object, Fit] = {}
     for one in sorted(best, key=lambda one: one.score):
         first.setdefault(one.structure.key, one)
     return [*first.values()]
 
 
-def _of(fits: Sequence[Fit], names: Collection[str]) -> list[Fit]:
-    return [one for one in fits if one.structure.terms[-1].effect.name in names]
+def _is_of(one: Fit, names: Collection[str]) -> bool:
+    return one.structure.terms[-1].effect.name in names
 
 
 def least_gain(problem: Problem) -> float:

@@ -106,7 +106,7 @@ def test_quick_says_what_it_left_out(tmp_path: Path) -> None:
     assert found.effects == again.effects
     for note in found.notes:
         if "did not try" in note:
-            assert note.startswith("The effort was quick, so that it did not try: a ")
+            assert note.startswith("The effort was quick, so that it did not try: ")
             break
     else:
         pytest.fail("nothing was left out")
