@@ -24,35 +24,34 @@ class KnownError:
         structure: what they are values of.
         values: (n_parameters,).
         error: the error.
-        bare: the same, where errors in starting states are not taken out.
-        size: (n_scored,) root mean square of what comes of how it is integrated.
+        size: (n_scored,) root mean square of it.
     """
 
     structure: Structure
     values: FloatArray
     error: NumericalError
-    bare: NumericalError
     size: FloatArray
 
-    def is_near(self, structure: Structure, values: FloatArray) -> bool:
-        """Whether values, (n_parameters,) of a structure, are nearly the same."""
-        if structure.key != self.structure.key:
-            return False
-        # The error of a delay between two steps is another than that of whole steps.
-        late = np.array([slot.parameter.is_delay for slot in structure.slots], dtype=bool)
-        near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
-        return bool((np.abs(values - self.values) <= near).all())
+    def suits(self, structure: Structure, values: FloatArray, gap: FloatArray) -> bool:
+        """Whether it is as good as that at other values.
 
-    def is_small(self, structure: Structure, values: FloatArray, gap: FloatArray) -> bool:
-        """Whether the integration's matters little at values that have no other effects.
+        Either these are nearly the same, or it is small beside the gap and all that is there was
+        there, too.
 
         Args:
             structure: what they are values of.
             values: (n_parameters,).
             gap: (n_scored,) that they leave, with the numerical error in it.
         """
+        if structure.key == self.structure.key:
+            # The error of a delay between two steps is another than that of whole steps.
+            late = np.array([slot.parameter.is_delay for slot in structure.slots], dtype=bool)
+            near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
+            if (np.abs(values - self.values) <= near).all():
+                return True
         return bool(
-            self.bare.ways
+            self.error.ways
+            and self.error.starts is None
             and (self.size <= _NO_MATTER * gap).all()
             and _there(structure, values) <= _there(self.structure, self.values)
         )

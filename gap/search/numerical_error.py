@@ -76,12 +76,6 @@ class NumericalError:
         )
         return cls(tuple(others), changes) if np.isfinite(changes).all() else cls.none(own.shape)
 
-    def read_anew(self, own: FloatArray, read: FloatArray) -> NumericalError:
-        """The same, of residuals, (rows, n_scored), that read efforts first changes otherwise."""
-        changes = self.changes.copy()
-        changes[self.ways.index("reading")] = read - own
-        return replace(self, changes=changes)
-
     def beside(self, starts: Starts) -> NumericalError:
         """This error, where errors in starting states are taken out, too."""
         changes = self.changes.copy()

@@ -149,23 +149,12 @@ class Objective:
             case: one row of values.
             own: (rows, n_scored) the residual as simulated.
         """
-        structure, (values,) = case.structure, case.values
-        known = next((one for one in self._refined if one.is_near(structure, values)), None)
-        if known is None and not self._free_starts:
-            known = self._small_error(case, own)
-            if known is not None and "reading" in known.bare.ways:
-                known = None
-        if known is None:
-            return False
-        self.numerical = known.error
-        return True
-
-    def _small_error(self, case: Case, own: FloatArray) -> KnownError | None:
-        """A known error that matters little beside the gap of one row of values."""
         gap = np.sqrt(self.mean_square(own) + self.floor**2)
-        (values,) = case.values
-        small = (one for one in self._refined if one.is_small(case.structure, values, gap))
-        return next(small, None)
+        for known in self._refined:
+            if known.suits(case.structure, case.values[0], gap):
+                self.numerical = known.error
+                return True
+        return False
 
     def _started(self, case: Case) -> Case | None:
         """A row of values from starts that are off by what the measurement leaves open."""
@@ -179,7 +168,7 @@ class Objective:
         self,
         case: Case,
         own: FloatArray,
-        error: NumericalError,
+        others: Mapping[Way, FloatArray],
         started: FloatArray | None,
     ) -> None:
         """Takes the numerical error from some residuals, and that of starts.
@@ -187,10 +176,10 @@ class Objective:
         Args:
             case: one row of values.
             own: (rows, n_scored) as simulated.
-            error: of the integration there.
+            others: as `NumericalError.of` has them.
             started: (k, rows, n_scored) from other starts, or None.
         """
-        self.numerical = error
+        self.numerical = error = NumericalError.of(own, others)
         if started is not None and np.isfinite(started).all():
             changes = started - own
             for _ in range(_PASSES):
@@ -199,13 +188,9 @@ class Objective:
                 variance = self.mean_square(left[0]) + self.floor**2
                 starts = Starts(*self.spans, changes, variance)
                 self.numerical = error.beside(starts)
-        size = np.sqrt(self.mean_square(error.of_the_timestep).sum(axis=0))
+        size = np.sqrt(self.mean_square(error.changes).sum(axis=0))
         known = KnownError(
-            structure=case.structure,
-            values=case.values[0],
-            error=self.numerical,
-            bare=error,
-            size=size,
+            structure=case.structure, values=case.values[0], error=self.numerical, size=size
         )
         self._refined.append(known)
 
@@ -469,35 +454,27 @@ def refine(
         if one._refined and known is None:
             known = one.simulated([case])[0][0]
         if known is None or not one._remembers(case, known):
-            small = None if known is None else one._small_error(case, known)
             # What was wanted the last time is asked for at once, to be done side by side.
             asked = [way for way in finer if one._coarse or way != "quarter"]
-            asked = [way for way in asked if small is None or way == "reading"]
             started = one._started(case)
             simulations = [
                 *([(one, [case])] if known is None else []),
                 *((finer[way], [case]) for way in asked),
                 *([(one, [started])] if started is not None else []),
             ]
-            unknown.append((one, finer, case, known, small, asked, started, simulations))
+            unknown.append((one, finer, case, known, asked, started, simulations))
     found = iter(_each_simulated([each for *_, simulations in unknown for each in simulations]))
-    for one, finer, case, known, small, asked, started, _ in unknown:
+    for one, finer, case, known, asked, started, _ in unknown:
         coarse = next(found)[0] if known is None else known
         others = {way: next(found)[0] for way in asked}
         from_others = None if started is None else next(found)
-        if small is None:
-            changed = np.sqrt(one.mean_square(others["half"] - coarse))
-            one._coarse = bool((changed > _COARSE * one.floor).any())
-            if not one._coarse:
-                others.pop("quarter", None)
-            elif "quarter" in finer and "quarter" not in others:
-                others["quarter"] = finer["quarter"].simulated([case])[0][0]
-            error = NumericalError.of(coarse, others)
-        elif "reading" in others and np.isfinite(others["reading"]).all():
-            error = small.bare.read_anew(coarse, others["reading"])
-        else:
-            error = small.bare
-        one._learn(case, coarse, error, from_others)
+        changed = np.sqrt(one.mean_square(others["half"] - coarse))
+        one._coarse = bool((changed > _COARSE * one.floor).any())
+        if not one._coarse:
+            others.pop("quarter", None)
+        elif "quarter" in finer and "quarter" not in others:
+            others["quarter"] = finer["quarter"].simulated([case])[0][0]
+        one._learn(case, coarse, others, from_others)
 
 
 def residuals_of(

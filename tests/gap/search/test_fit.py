@@ -363,27 +363,6 @@ class TestObjective:
         assert found_at(0.01, 0.001, **damped, armature=["hip"])
         assert found_at(2.0, **damped)  # where hardly any gap is left
 
-    def test_where_it_does_not_matter_errors_of_starts_alone_are_found_again(self, monkeypatch):
-        robot = pendulum()
-        recording = run(robot, dof_damping=2.1)
-        segments = windows(recording, 0.5)
-        one, half = (
-            Objective(
-                [Replay(each, segments, (POSITION,))],
-                (POSITION,),
-                np.full(1, 1e-6),
-                free_starts=free,
-            )
-            for each, free in ((robot, True), (robot.refined(2), False))
-        )
-        damped = structure([robot], viscous_friction=["hip"])
-        one.refine({"half": half}, Case(structure=damped, values=np.array([[0.01]])))
-        changes, starts = one.numerical.changes, one.numerical.starts
-        monkeypatch.delattr(half, "replays")  # it cannot be simulated any more
-        one.refine({"half": half}, Case(structure=damped, values=np.array([[0.2]])))
-        assert one.numerical.starts is not starts
-        assert one.numerical.changes.shape == changes.shape
-
     def test_how_the_solver_rounds_off_dry_friction_is_no_gap(self):
         # The machine sticks; the model creeps, as MuJoCo's friction does unless it is told not to.
         spec = pendulum(kp=20).spec.copy()
