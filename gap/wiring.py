@@ -272,7 +272,9 @@ class _Check:
         replayed: Sequence[_Replayed],
     ) -> Iterator[_Candidate]:
         for joint in suspects:
-            yield from self._flips(joint)
+            place = self._joints.index(joint)
+            follows = min(_correlation(one, place) for one in replayed) > _FOLLOWS
+            yield from (one for one in self._flips(joint) if not (follows and _is_odd(one)))
         for number, pair in enumerate(itertools.combinations(suspects, 2)):
             swapped = _each_other(self._commanded(pair, stretches)) or _each_other(
                 self._efforts(pair, replayed)
@@ -336,6 +338,11 @@ class _Check:
         places = [self._joints.index(joint) for joint in pair]
         found = [(one.measured[:, places, 1], one.predicted[:, places, 1]) for one in replayed]
         return [both for both in found if all(np.isfinite(values).all() for values in both)]
+
+
+def _is_odd(flip: _Candidate) -> bool:
+    """Whether a flip turns either what a joint does or what it should do, and not both."""
+    return ("P" in flip.parts) != any(part in flip.parts for part in "TF")
 
 
 def _each_other(pairs: Sequence[tuple[FloatArray, FloatArray]]) -> bool:
