@@ -21,6 +21,7 @@ import typer
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.ingest.commands import app as ingest_commands
 from walkerkit.gap.own_robot.commands import app as own_robot_commands
+from walkerkit.gap.report.commands import app as report_commands
 
 if TYPE_CHECKING:
     from walkerkit.gap.search.effort import Effort, Progress
@@ -36,6 +37,7 @@ app = typer.Typer(
 )
 app.add_typer(ingest_commands)
 app.add_typer(own_robot_commands)
+app.add_typer(report_commands)
 _OUR_FAILURE = 1
 _INTERRUPTED, _CLOSED_PIPE = 130, 141  # as of processes that the signals end
 _MOST_TOLD = 200  # characters of an error that is ours; the file has them all
@@ -158,7 +160,7 @@ def demo(
 ) -> None:
     """Hide an effect in a simulated leg, record it, and find it again."""
     from walkerkit.gap.rehearsal.demo import run
-    from walkerkit.gap.report.output import check_folder
+    from walkerkit.gap.report.output import REPORT, check_folder
 
     check_folder(out)
     with _progress() as progress:
@@ -174,7 +176,7 @@ def demo(
     console = _console()
     hidden = [effect.describe() for effect in rehearsal.hidden] or ["nothing"]
     console.print(f"What was hidden: {'; '.join(hidden)}", markup=False, soft_wrap=True)
-    console.print(f"Look at {out / 'report.html'}", markup=False, soft_wrap=True)
+    _say_report(out / REPORT)
 
 
 @app.command()
@@ -235,7 +237,7 @@ def diagnose(
     The same command goes on where one that was killed had come to.
     """
     from walkerkit.gap import workflow
-    from walkerkit.gap.report.output import check_folder
+    from walkerkit.gap.report.output import REPORT, check_folder
     from walkerkit.gap.report.traces import check_traces, write_traces
     from walkerkit.gap.search.effort import Effort
 
@@ -269,7 +271,7 @@ def diagnose(
     if explain:
         _explain(result)
     if not json:
-        _console().print(f"Written to {out}", markup=False, soft_wrap=True)
+        _say_report(out / REPORT)
 
 
 @app.command()
@@ -338,7 +340,7 @@ def diagnose_fleet(
     else:
         console.print()
         console.print(words.render(fleet))
-        console.print(f"Look at {out / 'fleet.html'}", markup=False, soft_wrap=True)
+        _say_report(out / "fleet.html")
     if fleet.failed:
         _end_with_failures(fleet, manifest)
 
@@ -429,16 +431,21 @@ def export(
 @app.command()
 def effects() -> None:
     """List the catalogue of effects."""
-    from rich.table import Column, Table
+    from rich.padding import Padding
+    from rich.table import Table
+    from rich.text import Text
 
     from walkerkit.gap.effects import CATALOGUE
+    from walkerkit.gap.report.console import Paragraph
 
-    table = Table(
-        Column("effect", no_wrap=True), "equation", "where its residual shows", "added as"
-    )
+    console = _console()
     for effect in CATALOGUE.values():
-        table.add_row(effect.name, effect.equation, effect.symptom, effect.added_as)
-    _console().print(table)
+        table = Table.grid(padding=(0, 1))
+        said = {"law": effect.equation, "shows as": effect.symptom, "added as": effect.added_as}
+        for name, text in said.items():
+            table.add_row(Text(name, style="dim"), Paragraph(text))
+        console.print(Text(effect.name, style="bold"))
+        console.print(Padding(table, (0, 0, 1, 2), expand=False))
 
 
 @app.command()
@@ -624,6 +631,11 @@ def _explain(result: Any) -> None:
     from walkerkit.gap.report.console import comparison_table
 
     _console(sys.stderr).print(comparison_table(result.comparison))
+
+
+def _say_report(path: Path) -> None:
+    """The last line is where the report is, and nothing else, whole."""
+    _console().print(str(path), markup=False, soft_wrap=True, highlight=False)
 
 
 def _print_result(result: Any, *, as_json: bool) -> None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from walkerkit.gap.fleet import wording
 from walkerkit.gap.fleet.comparison import Row
-from walkerkit.gap.report.console import VERDICT_STYLES, add_row, heading, plain, table_of
+from walkerkit.gap.report.console import VERDICT_STYLES, Paragraph, Rows, heading, plain
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.wording import estimate, label
 
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
 def render(fleet: Fleet) -> RenderableType:
     """The fleet as something that `rich` prints."""
-    parts: list[RenderableType] = [Text(wording.sentence(fleet)), heading("Robots")]
+    parts: list[RenderableType] = [Paragraph(wording.sentence(fleet)), heading("Robots")]
     parts.append(_robots(fleet))
     if fleet.comparison.rows:
         parts += [heading("Effects"), _effects(fleet)]
@@ -59,27 +58,27 @@ def _why(outcome: Outcome) -> str:
     return "" if outcome.failure is None else label(outcome.failure.message)
 
 
-def _robots(fleet: Fleet) -> Table:
-    table = table_of(
+def _robots(fleet: Fleet) -> Rows:
+    table = Rows(
         *("robot", "verdict", "before", "after", "noise floor", "its own"),
         right=("before", "after", "noise floor"),
     )
     for one in fleet.outcomes:
         own = ", ".join(wording.spot(row) for row in fleet.comparison.own(one.robot))
-        add_row(table, label(one.robot), wording.verdict(one), *wording.gaps(one), own)
+        table.add(label(one.robot), wording.verdict(one), *wording.gaps(one), own)
     return table
 
 
-def _effects(fleet: Fleet) -> Table:
-    table = table_of("effect", "robots", "parameter", "median", "of each", right=("median",))
+def _effects(fleet: Fleet) -> Rows:
+    table = Rows("effect", "robots", "parameter", "median", "of each", right=("median",))
     for kind, title in wording.KINDS.items():
         rows = fleet.comparison.of(kind)
         if rows:
-            table.add_row(Text(title, style="italic"))
+            table.add(title)
         for row in rows:
             first = [f"  {wording.spot(row)}", wording.count(row)]
             for name, median, values in _parameters(row) or [("", "", ", ".join(row.robots))]:
-                add_row(table, *first, label(name), median, values)
+                table.add(*first, label(name), median, values)
                 first = ["", ""]
     return table
 

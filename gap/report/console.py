@@ -3,17 +3,23 @@
     rich.print(render(diagnosis))
     text = as_text(diagnosis, width=80)
 
-Nothing is said by colour alone, so that plain text loses nothing.
+Nothing is said by colour alone, so that plain text loses nothing. Lines break between words, and
+never within a name or between a number and its unit.
 """
 
 from __future__ import annotations
 
 import io
+import re
+import textwrap
 from typing import Literal
 
 import pandas as pd
 from rich import box
-from rich.console import Console, Group, RenderableType
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.measure import Measurement
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -24,12 +30,97 @@ from walkerkit.gap.report.quantity import percent, quantity
 
 _TOP = 3  # locations shown
 _STRUCTURES = 10  # of a comparison
+_BETWEEN = 2  # characters, columns
 VERDICT_STYLES = {
     "explained": "bold green",
     "no_gap": "bold green",
     "partly_explained": "bold yellow",
     "unexplained": "bold red",
 }
+
+
+class Paragraph:
+    """Text that breaks between words alone.
+
+    Args:
+        text: what it says; spaces and line breaks in a row are one.
+        style: rich's.
+        head: what it begins with, in a style of its own.
+        head_style: that style.
+    """
+
+    def __init__(self, text: str, style: str = "", *, head: str = "", head_style: str = ""):
+        self._words = [word for word in re.split(r"[ \n]+", f"{head} {text}") if word]
+        self._style, self._head, self._head_style = style, len(head), head_style
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Lines no longer than there is room, but for words that are."""
+        lines = textwrap.wrap(
+            wording.tight(" ".join(self._words)),
+            options.max_width,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        text = Text("\n".join(lines).replace("\N{NO-BREAK SPACE}", " "), style=self._style)
+        text.stylize(self._head_style, 0, self._head)
+        text.no_wrap, text.overflow = True, "ignore"
+        yield text
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        """From its longest word to all of it in a line."""
+        longest = max(map(len, self._words), default=0)
+        return Measurement(longest, len(" ".join(self._words))).with_maximum(options.max_width)
+
+
+class Rows:
+    """A table that breaks no name: its rows stand under each other where it has no room.
+
+    Args:
+        *columns: their names.
+        right: those of numbers, which do not break at all.
+    """
+
+    def __init__(self, *columns: str, right: tuple[str, ...] = ()):
+        self._columns, self._right = columns, right
+        self._rows: list[tuple[str, ...]] = []
+
+    def add(self, *cells: str) -> None:
+        """Adds a row of plain text; names are not markup, and cells that are missing are empty."""
+        self._rows.append((*cells, *[""] * (len(self._columns) - len(cells))))
+
+    @property
+    def row_count(self) -> int:
+        """How many rows it has."""
+        return len(self._rows)
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """The table, or its rows one after the other."""
+        least = [self._least(k) for k in range(len(self._columns))]
+        if sum(least) + _BETWEEN * (len(least) - 1) > options.max_width:
+            yield from self._apart()
+            return
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+        for name, width in zip(self._columns, least, strict=True):
+            justify: Literal["left", "right"] = "right" if name in self._right else "left"
+            table.add_column(name, justify=justify, min_width=width)
+        for cells in self._rows:
+            table.add_row(*(Text(cell) for cell in cells))
+        yield table
+
+    def _least(self, column: int) -> int:
+        """The width that a column needs; what a table is of is a name, to be copied whole."""
+        name = self._columns[column]
+        cells = [row[column] for row in self._rows]
+        if not column or name in self._right:
+            return max(map(cell_len, (name, *cells)))
+        return max(cell_len(word) for cell in (name, *cells) for word in cell.split() or [""])
+
+    def _apart(self) -> RenderResult:
+        for first, *others in self._rows:
+            yield Paragraph(first)
+            for name, cell in zip(self._columns[1:], others, strict=True):
+                if cell:
+                    yield Padding(Paragraph(f"{name}: {cell}"), (0, 0, 0, 2))
 
 
 def comparison_table(comparison: pd.DataFrame) -> RenderableType:
@@ -49,29 +140,31 @@ def comparison_table(comparison: pd.DataFrame) -> RenderableType:
 
 def render(diagnosis: Diagnosis) -> RenderableType:
     """The diagnosis as something that `rich` prints."""
-    verdict = Text.assemble(
-        (f"{wording.title(diagnosis)}. ", VERDICT_STYLES[diagnosis.verdict]),
+    verdict = Paragraph(
         wording.verdict_sentence(diagnosis),
+        head=f"{wording.title(diagnosis)}.",
+        head_style=VERDICT_STYLES[diagnosis.verdict],
     )
     parts: list[RenderableType] = [
-        Text(f"Wiring: {sentence}\n", style="bold") for sentence in wording.wiring(diagnosis)
+        Group(Paragraph(f"Wiring: {sentence}", "bold"), "")
+        for sentence in wording.wiring(diagnosis)
     ]
     parts.append(verdict)
     if wording.unknown(diagnosis):
-        parts.append(Text(wording.unknown(diagnosis)))
+        parts.append(Paragraph(wording.unknown(diagnosis)))
     if diagnosis.locations and diagnosis.verdict != "no_gap":
         parts += [heading("Where"), _locations(diagnosis)]
     if diagnosis.effects:
         parts += [heading("Effects, the surest first"), _effects(diagnosis)]
-        parts += [Text(warning) for warning in wording.warnings(diagnosis)]
+        parts += [Paragraph(warning) for warning in wording.warnings(diagnosis)]
     written = _changes(diagnosis)
     if written.row_count:
         parts += [heading("What changes in the model"), written]
     doubts = [*wording.doubts(diagnosis), wording.advice(diagnosis)]
     if doubts[0]:
         parts.append(heading("What cannot be told apart, and what would tell"))
-    parts += [Text(doubt) for doubt in doubts if doubt]
-    parts += [heading("Gap"), _sizes(diagnosis), Text(wording.basis(diagnosis))]
+    parts += [Paragraph(doubt) for doubt in doubts if doubt]
+    parts += [heading("Gap"), _sizes(diagnosis), Paragraph(wording.basis(diagnosis))]
     if diagnosis.hints:
         parts += [heading("Stopgaps, which explain nothing"), *map(_hint, diagnosis.hints)]
     if diagnosis.notes:
@@ -111,41 +204,24 @@ def heading(text: str) -> Text:
     return Text(f"\n{text}", style="bold")
 
 
-def table_of(*columns: str, right: tuple[str, ...] = ()) -> Table:
-    """An empty table; the columns in `right` are numbers."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    for name in columns:
-        justify: Literal["left", "right"] = "right" if name in right else "left"
-        # What a table is of is a name, to be copied whole.
-        whole = name == columns[0]
-        least = min(len(name), 6)
-        table.add_column(name, justify=justify, overflow="fold", min_width=least, no_wrap=whole)
-    return table
-
-
-def add_row(table: Table, *cells: str) -> None:
-    """Adds a row of plain text; names are not markup."""
-    table.add_row(*(Text(cell) for cell in cells))
-
-
-def _locations(diagnosis: Diagnosis) -> Table:
+def _locations(diagnosis: Diagnosis) -> Rows:
     signal = diagnosis.locations[0].signal
     part = "of the gap" if signal == "position" else f"of the {wording.words(signal)} gap"
-    table = table_of("joint", "regime", part, "lift", right=(part, "lift"))
+    table = Rows("joint", "regime", part, "lift", right=(part, "lift"))
     for at in diagnosis.locations[:_TOP]:
         share, lift = percent(at.share), f"{at.lift:.1f}×"
-        add_row(table, wording.site(at.joint), wording.words(at.regime), share, lift)
+        table.add(wording.site(at.joint), wording.words(at.regime), share, lift)
     return table
 
 
-def _effects(diagnosis: Diagnosis) -> Table:
-    table = table_of("effect", "parameter", "value")
+def _effects(diagnosis: Diagnosis) -> Rows:
+    table = Rows("effect", "parameter", "value")
     unit = diagnosis.gap.position.unit
     for named in diagnosis.effects:
         sure, after = wording.sure(named.confidence), quantity(named.gap_after, unit)
-        add_row(table, wording.label(named.effect), f"{sure} sure", f"gap after: {after}")
+        table.add(wording.label(named.effect), f"{sure} sure", f"gap after: {after}")
         for place, name, value, its_unit in _parameters(named):
-            add_row(table, f"  {place}", name, f"{value} {its_unit}".rstrip())
+            table.add(f"  {place}", name, f"{value} {its_unit}".rstrip())
     return table
 
 
@@ -160,30 +236,30 @@ def _parameters(named: NamedEffect) -> list[tuple[str, str, str, str]]:
     return rows or [(sites, "", "", "")]
 
 
-def _changes(diagnosis: Diagnosis) -> Table:
+def _changes(diagnosis: Diagnosis) -> Rows:
     numbers = ("was", "is", "change")
-    table = table_of("joint", "field", *numbers, "unit", right=numbers)
+    table = Rows("joint", "field", *numbers, "unit", right=numbers)
     for row in changes(diagnosis):
-        add_row(table, row.place, row.field, row.was, row.now, row.change, row.unit)
+        table.add(row.place, row.field, row.was, row.now, row.change, row.unit)
     return table
 
 
-def _hint(hint: Hint) -> Text:
+def _hint(hint: Hint) -> Paragraph:
     written = f" It goes to {wording.label(hint.file)} beside the model." if hint.file else ""
     title, statement = wording.label(hint.title), wording.label(hint.statement)
-    return Text(f"{title}: {statement}. With it, {wording.hint_gap(hint)}.{written}")
+    return Paragraph(f"{title}: {statement}. With it, {wording.hint_gap(hint)}.{written}")
 
 
-def _sizes(diagnosis: Diagnosis) -> Table:
+def _sizes(diagnosis: Diagnosis) -> Rows:
     columns = wording.size_columns(diagnosis)
-    table = table_of("signal", *columns, right=columns)
+    table = Rows("signal", *columns, right=columns)
     for name, size in wording.signals(diagnosis.gap).items():
-        add_row(table, wording.words(name), *wording.size_cells(diagnosis, size))
+        table.add(wording.words(name), *wording.size_cells(diagnosis, size))
     return table
 
 
 def _notes(diagnosis: Diagnosis) -> Table:
     table = Table.grid(padding=(0, 1))
     for index, note in enumerate(diagnosis.notes, start=1):
-        add_row(table, f"{index}.", " ".join(wording.label(line) for line in note.split()))
+        table.add_row(Text(f"{index}."), Paragraph(" ".join(map(wording.label, note.split()))))
     return table

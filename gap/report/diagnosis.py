@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.recordings.wiring import WiringError
 from walkerkit.gap.report.gaps import Gap, GapMap, GapSize, Location
+from walkerkit.gap.report.motion import Motion
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["explained", "partly_explained", "no_gap", "unexplained"]
@@ -126,10 +127,11 @@ class Considered:
     """A candidate of one round of the naming.
 
     Attributes:
-        round: 1 for the first effect.
+        round: 1 for ordinary effects, each against a fit without it; 2 for others beside these, 3
+            for pairs of others, and so on.
         effect: its name.
-        improvement: relative reduction of the held-out gaps it would bring (geometric mean over
-            the scored channels), 0.3 for gaps that are 30 % smaller.
+        improvement: relative reduction of the gaps of the fitted recordings that it brings
+            (geometric mean over the scored channels), 0.3 for gaps that are 30 % smaller.
         verdict: `named`, `indistinguishable` or `lost`.
     """
 
@@ -199,6 +201,8 @@ class Trace:
         time: (n,) [s].
         measured, before, after: (n,) each, simulated with the model as given and as mended.
         target: (n,) what was commanded, in the same unit, or None.
+        restarts: indices of the samples at which the simulation starts again from the measured
+            state; none of a whole rollout.
     """
 
     recording: str
@@ -211,6 +215,7 @@ class Trace:
     before: FloatArray
     after: FloatArray
     target: FloatArray | None = None
+    restarts: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,6 +234,7 @@ class Diagnosis:
         recordings: names of the recordings.
         notes: what a reader should know before trusting the numbers.
         traces: measured and simulated signals.
+        motions: how the robots moved, of each recording its worst part; not in the JSON.
         seconds: wall time.
         searched: whether effects were looked for, or the gap was only measured.
         only: the effects that were looked for, where it was not the whole catalogue.
@@ -259,6 +265,7 @@ class Diagnosis:
     hints: tuple[Hint, ...] = ()
     wiring: tuple[WiringError, ...] = ()
     unknown: float | None = None
+    motions: tuple[Motion, ...] = field(default=(), repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json, schema 2."""

@@ -1,13 +1,17 @@
 """A page as one HTML file that needs no network.
 
-It carries plotly.js (some 5 MB) and a content security policy that lets its own scripts run and
-nothing be fetched, so that neither a library nor a name in the user's files can change that.
+It carries plotly.js and its data, both packed (`embedded`), and a content security policy that lets
+its own scripts run and nothing be fetched, so that neither a library nor a name in the user's files
+can change that. Browsers unpack such data since 2023.
 """
 
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
+import json
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,7 +19,10 @@ from typing import Any
 import jinja2
 import plotly.offline
 
+MOST = 3_000_000
+"""Bytes of a page, at which what it draws is drawn more coarsely."""
 _OURS = "walkerkit.gap.report"
+_SCRIPTS = ("view.js", "moving.js", "report.js")
 
 
 def write_html(path: str | Path, template: str, *, package: str = _OURS, **content: Any) -> None:
@@ -25,14 +32,23 @@ def write_html(path: str | Path, template: str, *, package: str = _OURS, **conte
         path: the HTML file; an existing one is replaced.
         template: its name in the package's assets; it extends `page.html.j2`, which is here.
         package: whose assets.
-        **content: what the template names; `figures` are plotly's, by the identifiers of their
-            places in the page.
+        **content: as for `page`.
 
     Raises:
         OSError: the file cannot be written.
     """
-    plotly_js = plotly.offline.get_plotlyjs()
-    page_js = _asset("report.js")
+    Path(path).write_bytes(page(template, package=package, **content).encode())
+
+
+def page(template: str, *, package: str = _OURS, **content: Any) -> str:
+    """A filled-in template.
+
+    Args:
+        template: its name in the package's assets.
+        package: whose assets.
+        **content: what the template names; `figures` are plotly's, by the identifiers of their
+            places in the page, and `data` is `embedded`, by the names that scripts know it by.
+    """
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([_loader(package), _loader(_OURS)]),
         autoescape=True,
@@ -40,14 +56,36 @@ def write_html(path: str | Path, template: str, *, package: str = _OURS, **conte
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    page = environment.get_template(template).render(
-        **content,
+    scripts = [_asset(name) for name in _SCRIPTS]
+    plotly_hash, plotly_js = _plotly()
+    return environment.get_template(template).render(
+        **{"data": {}, **content},
         style=_asset("report.css"),
         plotly_js=plotly_js,
-        page_js=page_js,
-        script_hashes=[_hash(plotly_js), _hash(page_js)],
+        scripts=scripts,
+        script_hashes=[plotly_hash, *map(_hash, scripts)],
     )
-    Path(path).write_bytes(page.encode())
+
+
+def embedded(value: Any) -> str:
+    """A value as a page carries it: JSON, packed, in letters that need no escaping."""
+    return _packed(json.dumps(value, separators=(",", ":"), allow_nan=False))
+
+
+def unembedded(text: str) -> Any:
+    """What `embedded` was given, as report.js reads it."""
+    return json.loads(gzip.decompress(base64.b64decode(text)))
+
+
+@lru_cache(maxsize=1)
+def _plotly() -> tuple[str, str]:
+    """The name of plotly.js in a content security policy, and the library, packed."""
+    script = plotly.offline.get_plotlyjs()
+    return _hash(script), _packed(script)
+
+
+def _packed(text: str) -> str:
+    return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
 
 
 def _loader(package: str) -> jinja2.BaseLoader:

@@ -18,6 +18,7 @@ from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.report.experiments import mended_experiments
 from walkerkit.gap.report.hints import stopgap_file
+from walkerkit.gap.report.motion import MOTIONS, save_motions
 from walkerkit.gap.report.page import write_report
 from walkerkit.gap.report.planner import FILE as TARGETS
 from walkerkit.gap.report.planner import MODEL as CHANGED
@@ -210,15 +211,22 @@ def _write(result: Result, folder: Path) -> None:
     _write_text(folder / FILE, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
     if len(names) > 1:
         _write_text(folder / MANIFEST, mended_experiments(result.problem, names))
+    if result.diagnosis.motions:
+        save_motions(result.diagnosis.motions, names, folder / MOTIONS)
     write_report(
         result.diagnosis,
         folder / REPORT,
-        title=result.robots[0].stem,
+        title=title(result.robots),
         catalogue=CATALOGUE,
         models=names,
         experiments=result.next_experiments,
     )
     _write_text(folder / DIAGNOSIS, result.diagnosis.to_json())
+
+
+def title(robots: Sequence[Robot]) -> str:
+    """The heading of a report: the names of all models."""
+    return ", ".join(dict.fromkeys(robot.stem for robot in robots))
 
 
 def _saved(drive: LearnedDrive, folder: Path) -> dict[str, Any]:
@@ -235,7 +243,7 @@ def _write_text(path: Path, text: str) -> None:
 def main_files(robots: Sequence[Robot]) -> list[str]:
     """The files that every result of some robots has."""
     names = model_names(robots)
-    return [*names, FILE, REPORT, DIAGNOSIS, *([MANIFEST] if len(names) > 1 else [])]
+    return [*names, FILE, REPORT, DIAGNOSIS, MOTIONS, *([MANIFEST] if len(names) > 1 else [])]
 
 
 def model_names(robots: Sequence[Robot]) -> list[str]:

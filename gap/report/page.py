@@ -2,13 +2,13 @@
 
     write_report(diagnosis, "out/report.html", title="leg.xml", catalogue=CATALOGUE)
 
-The same diagnosis gives the same bytes, but for its `seconds`.
+The same diagnosis gives the same bytes, but for its `seconds`; they are at most `html.MOST`, to
+which end long recordings are drawn more coarsely.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,17 @@ from walkerkit.gap.effects import Effect
 from walkerkit.gap.report import figures, wording
 from walkerkit.gap.report.changes import changes
 from walkerkit.gap.report.diagnosis import Considered, Diagnosis, Hint, NamedEffect, Trace
-from walkerkit.gap.report.gaps import GapSize, Location
+from walkerkit.gap.report.gaps import Location
 from walkerkit.gap.report.heat import HeatMap, heat_map
-from walkerkit.gap.report.html import write_html
+from walkerkit.gap.report.html import MOST, page, write_html
+from walkerkit.gap.report.poses import drawn
 from walkerkit.gap.report.quantity import percent, quantity, span
-from walkerkit.gap.report.samples import packed
+from walkerkit.gap.report.room import Fitted, fitted
+from walkerkit.gap.report.samples import POINTS
 
 _SHOWN = 6  # candidates of a round that have a line of their own
 _PLACES = 5  # that stand out
+_ROUNDS = {1: "Ordinary effects, each against a fit without it", 2: "One other effect beside them"}
 _VERDICTS = {"named": "named", "indistinguishable": "cannot be told apart", "lost": "lost"}
 
 
@@ -50,25 +53,28 @@ def write_report(
     Raises:
         OSError: the file cannot be written.
     """
-    write_html(
-        path,
-        "report.html.j2",
+    content = {
         **_content(diagnosis, catalogue or {}),
-        title=wording.label(title),
-        models=[wording.label(name) for name in models],
-        experiments=experiments,
-    )
+        "title": wording.label(title),
+        "models": [wording.label(name) for name in models],
+        "experiments": experiments,
+    }
+    traces = _ordered(diagnosis)
+    every = Fitted(data={}, points=POINTS, traces=0, motions=0)  # the longest sentences
+    bare = page("report.html.j2", **content, **_drawn(diagnosis, traces, every))
+    found = fitted(diagnosis, traces, MOST - len(bare.encode()))
+    write_html(path, "report.html.j2", **content, **_drawn(diagnosis, traces, found))
 
 
 def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str, Any]:
-    traces = sorted(diagnosis.traces, key=lambda trace: not trace.held_out)  # stable
+    traces = _ordered(diagnosis)
     return {
         "diagnosis": diagnosis,
         "verdict": wording.title(diagnosis),
-        "sentence": _tight(wording.verdict_sentence(diagnosis)),
+        "sentence": wording.tight(wording.verdict_sentence(diagnosis)),
         "unknown": wording.unknown(diagnosis),
         "unknown_weight": 100 * (diagnosis.unknown or 0.0),
-        "basis": wording.basis(diagnosis),
+        "basis": wording.tight(wording.basis(diagnosis)),
         "wiring": wording.wiring(diagnosis),
         "headline": _headline(diagnosis),
         "maps": _maps(diagnosis),
@@ -86,23 +92,42 @@ def _content(diagnosis: Diagnosis, catalogue: Mapping[str, Effect]) -> dict[str,
         "sure": wording.SURE,
         "warnings": wording.warnings(diagnosis),
         "rounds": _rounds(diagnosis.considered),
-        "doubts": [_tight(doubt) for doubt in wording.doubts(diagnosis)],
-        "advice": _tight(wording.advice(diagnosis)),
+        "doubts": [wording.tight(doubt) for doubt in wording.doubts(diagnosis)],
+        "advice": wording.tight(wording.advice(diagnosis)),
         "hints": [_hint(hint) for hint in diagnosis.hints],
-        "notes": [wording.label(note) for note in diagnosis.notes],
+        "notes": [wording.tight(wording.label(note)) for note in diagnosis.notes],
         "recordings": [wording.label(name) for name in diagnosis.recordings],
         "choices": _choices(diagnosis, traces),
         "figures": _figures(diagnosis),
-        "traces": [
-            packed(trace, _floor(diagnosis, trace), mended=bool(diagnosis.effects))
-            for trace in traces
-        ],
+        "moving_in": wording.label(diagnosis.motions[0].recording) if diagnosis.motions else "",
+        "poses": drawn(diagnosis.motions[0], mended=bool(diagnosis.effects))
+        if diagnosis.motions
+        else [],
     }
 
 
-def _tight(text: str) -> str:
-    """The text with numbers that no line break parts from their units."""
-    return re.sub(r"(?<=\d) (?=%|\w)", "\N{NO-BREAK SPACE}", text)
+def _ordered(diagnosis: Diagnosis) -> list[Trace]:
+    """The signals, held-out recordings first."""
+    return sorted(diagnosis.traces, key=lambda trace: not trace.held_out)  # stable
+
+
+def _drawn(diagnosis: Diagnosis, traces: Sequence[Trace], found: Fitted) -> dict[str, Any]:
+    """What is drawn, and a sentence on what had no room."""
+    said = []
+    if found.points:
+        said.append(f"Signals are drawn with about {found.points} samples each")
+    if found.traces < len(traces):
+        said.append(f"{found.traces} of {len(traces)} signals are drawn")
+    if found.motions < len(diagnosis.motions):
+        said.append(f"the robot moves in {found.motions} of {len(diagnosis.motions)} recordings")
+    room = ""
+    if said:
+        limit = f"{MOST / 1e6:g} MB"
+        room = (
+            f"{wording.listed(said)}, so that this page has no more than {limit}; "
+            "`--traces FILE` writes every sample."
+        )
+    return {"data": found.data, "room": room[:1].upper() + room[1:]}
 
 
 def _headline(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -185,7 +210,6 @@ def _rounds(considered: Sequence[Considered]) -> list[dict[str, Any]]:
     for index in sorted({one.round for one in considered}):
         ones = [one for one in considered if one.round == index]
         ones.sort(key=_standing)
-        best = ones[0].improvement
         shown = max(_SHOWN, sum(one.verdict != "lost" for one in ones))
         rows = [
             {
@@ -194,7 +218,6 @@ def _rounds(considered: Sequence[Considered]) -> list[dict[str, Any]]:
                 if math.isfinite(one.improvement)
                 else "diverged",
                 "bar": f"{100 * max(0.0, _comparable(one.improvement)):.1f}",
-                "behind": _behind(best - one.improvement) if one is not ones[0] else "",
                 "kind": one.verdict,
                 "verdict": _VERDICTS[one.verdict],
             }
@@ -202,7 +225,7 @@ def _rounds(considered: Sequence[Considered]) -> list[dict[str, Any]]:
         ]
         rounds.append(
             {
-                "index": index,
+                "title": _ROUNDS.get(index, f"{index - 1} other effects beside them"),
                 "named": ones[0].verdict == "named",
                 "shown": rows[:shown],
                 "others": [f"{row['effect']} ({row['improvement']})" for row in rows[shown:]],
@@ -220,17 +243,11 @@ def _comparable(improvement: float) -> float:
     return improvement if math.isfinite(improvement) else -math.inf
 
 
-def _behind(points: float) -> str:
-    if not math.isfinite(points):
-        return ""
-    return percent(points).removesuffix(" %")
-
-
 def _hint(hint: Hint) -> dict[str, str]:
     return {
         "title": wording.label(hint.title),
         "statement": wording.label(hint.statement),
-        "gap": _tight(wording.hint_gap(hint)),
+        "gap": wording.tight(wording.hint_gap(hint)),
         "use": hint.use,
     }
 
@@ -264,10 +281,6 @@ def _whole_joints(diagnosis: Diagnosis, signal: str) -> list[Location]:
 
 def _unique(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(names))
-
-
-def _floor(diagnosis: Diagnosis, trace: Trace) -> GapSize | None:
-    return diagnosis.gap.joints.get(trace.joint) if trace.signal == "position" else None
 
 
 def _figures(diagnosis: Diagnosis) -> dict[str, figures.Specification]:

@@ -196,7 +196,9 @@ def traces(
                 rows = np.flatnonzero(owner[replay.segment_of_row] == name)
                 rows = rows[:: max(1, len(rows) // _LONGEST_TRACE)]
                 start = np.array([segment.start for segment in segments])
-                time = replay.time_of_row[rows] + start[replay.segment_of_row[rows]]
+                part = replay.segment_of_row[rows]
+                time = replay.time_of_row[rows] + start[part]
+                restarts = np.flatnonzero(np.diff(part)) + 1
                 for c, channel in enumerate(replay.channels):
                     if np.isnan(replay.measured[rows, c]).all():
                         continue
@@ -213,6 +215,7 @@ def traces(
                             before=old[rows, c],
                             after=new[rows, c],
                             target=target,
+                            restarts=restarts,
                         )
                     )
     return tuple(found)

@@ -23,7 +23,7 @@ from walkerkit.gap.report.locate import standing_out
 from walkerkit.gap.report.misfits import misfits
 from walkerkit.gap.report.named import confusion_set, considered, named_effects
 from walkerkit.gap.report.notes import notes
-from walkerkit.gap.report.output import save
+from walkerkit.gap.report.output import save, title
 from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
 from walkerkit.gap.report.replayed import (
     gap_maps,
@@ -31,6 +31,7 @@ from walkerkit.gap.report.replayed import (
     replay_half,
     traces,
 )
+from walkerkit.gap.report.replayed_motion import motions
 from walkerkit.gap.report.wording import telling
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.naming import Explanation
@@ -167,13 +168,13 @@ class Result:
         """
         from walkerkit.gap.report.page import write_report
 
-        path, title = Path(path), self.robots[0].stem
+        path = Path(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_report(
                 self.diagnosis,
                 path,
-                title=title,
+                title=title(self.robots),
                 catalogue=CATALOGUE,
                 models=(),
                 experiments=self.next_experiments,
@@ -269,6 +270,7 @@ def summarise(
         ),
         wiring=named_errors(everything),
         traces=traces(problem, before, after),
+        motions=motions(problem, before, after),
         seconds=seconds,
         searched=searched,
         only=only,

@@ -7,6 +7,7 @@ the text in a format of its own (HTML, plotly, rich) escapes it there.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 from walkerkit.gap.report.diagnosis import Diagnosis, Estimate, Hint, NamedEffect, NextExperiment
@@ -47,6 +48,11 @@ _NORMAL_95, _INTERVAL_DIGITS = 1.96, 3
 def label(name: str) -> str:
     """A name from the user's files without characters that do not print."""
     return "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in name)
+
+
+def tight(text: str) -> str:
+    """The text with numbers that no line break parts from their units."""
+    return re.sub(r"(?<=\d) (?=%|[^\W\d])", "\N{NO-BREAK SPACE}", text)
 
 
 def words(name: str) -> str:

@@ -21,6 +21,7 @@ from walkerkit.gap import Recording, compare
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.report.diagnosis import Diagnosis, Hint, Verdict
 from walkerkit.gap.report.gaps import GapSize
+from walkerkit.gap.report.html import unembedded
 from walkerkit.gap.report.page import write_report
 
 LegDiagnosis = Callable[..., Diagnosis]
@@ -62,6 +63,11 @@ class Page(HTMLParser):
     def text(self) -> str:
         return " ".join("".join(self.words).split())
 
+    def data(self, name: str) -> Any:
+        """What the page carries for its scripts."""
+        ids = [attributes.get("id") for attributes in self.attributes("script")]
+        return unembedded(self.scripts[ids.index(name)])
+
     def attributes(self, tag: str) -> list[dict[str, str | None]]:
         return [attributes for name, attributes in self.tags if name == tag]
 
@@ -87,7 +93,11 @@ def test_sections_from_the_verdict_to_the_use(leg: LegDiagnosis, tmp_path: Path)
         ),
         *("walkerkit compare model.xml RECORDING...", "MjcfWalker", "chirp, steps"),
     )
-    places = [page.text.find(part, page.text.index("leg.xml") + 7) for part in order]
+    sections = page.text.index("How to use the model") + 1  # after the last link to one
+    places = [
+        page.text.find(part, page.text.index("leg.xml") + 7 if k < 3 else sections)
+        for k, part in enumerate(order)
+    ]
     assert places == sorted(places), dict(zip(order, places, strict=True))
     assert -1 not in places
     assert CATALOGUE["coulomb_friction"].equation in page.text
@@ -136,7 +146,7 @@ def test_held_out_recordings_come_first_and_the_worst_joint_is_shown(
     assert [group["label"] for group in page.attributes("optgroup")] == ["held out", "fitted"]
     chosen = ["selected" in option for option in page.attributes("option")]
     assert chosen == [True, False, False, False, False, True, True]  # walk…; …, calf; position
-    traces = json.loads(page.scripts[1])
+    traces = page.data("traces")
     assert len(traces) == 9
     assert (traces[2]["joint"], traces[2]["errorUnit"]) == ("calf", "mrad")
 
@@ -145,15 +155,15 @@ def test_candidates_are_ranked_and_say_by_how_much_they_lost(
     leg: LegDiagnosis, confused: Diagnosis, tmp_path: Path
 ) -> None:
     text = read(leg(), tmp_path).text
-    assert "coulomb_friction83 %named backlash79 %4lost" in text
+    assert "coulomb_friction83 %named backlash79 %lost" in text
     assert "Also tried: series_elasticity (7 %), " in text
     assert "loop_delay (diverged)." in text
     text = read(confused, tmp_path).text
-    assert "Round 2" in text
-    assert "sensor_delay24 %0cannot be told apart" in text
+    assert "One other effect beside them" in text
+    assert "sensor_delay24 %cannot be told apart" in text
     lost = tuple(replace(one, verdict="lost") for one in leg().considered)
     text = read(replace(leg(), considered=lost), tmp_path).text
-    assert "Round 1: nothing more is worth it" in text
+    assert "Ordinary effects, each against a fit without it: none is named" in text
 
 
 def test_bounds_doubts_and_the_next_experiment(confused: Diagnosis, tmp_path: Path) -> None:
@@ -239,12 +249,12 @@ def test_names_come_out_as_text(leg: LegDiagnosis, tmp_path: Path) -> None:
     page = read(
         replace(diagnosis, notes=notes, recordings=HOSTILE), tmp_path, title=f"{HOSTILE[0]}.xml"
     )
-    assert len(page.scripts) == 4  # two of data, plotly.js and ours
+    assert len(page.scripts) == 3 + 3  # two of data, plotly.js; ours
     assert not page.attributes("img")
     assert all(f"position, {name}" in page.text for name in HOSTILE)
     assert f"about {HOSTILE[2]}" in page.text
-    assert json.loads(page.scripts[1])[2]["joint"] == HOSTILE[2]
-    for data in page.scripts[:2]:
+    assert page.data("traces")[2]["joint"] == HOSTILE[2]
+    for data in page.scripts[:3]:
         assert "<" not in data
 
 
@@ -256,7 +266,7 @@ def test_nothing_is_fetched(leg: LegDiagnosis, tmp_path: Path) -> None:
     links = [attributes["href"] for _, attributes in page.tags if "href" in attributes]
     assert all(str(link).startswith("#") for link in links)
     assert not re.search(r"@import|url\(", page.styles[0])
-    assert not re.search(r"fetch|XMLHttpRequest|import\(|https?:", page.scripts[3])
+    assert not re.search(r"fetch|XMLHttpRequest|import\(|https?:", "".join(page.scripts[3:]))
     (policy,) = (m["content"] for m in page.attributes("meta") if "http-equiv" in m)
     assert policy is not None
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
@@ -298,7 +308,8 @@ def test_the_lines_that_load_the_model_run(
 def browse(path: Path, *options: str) -> tuple[str, list[str]]:
     """The document as headless Chromium leaves it, and what it wrote to the console."""
     command = [
-        *(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic"),
+        *(str(CHROMIUM), "--headless", "--no-sandbox", "--use-angle=swiftshader"),
+        *("--use-gl=angle", "--enable-unsafe-swiftshader", "--disable-quic"),
         *("--no-first-run", "--disable-background-networking", "--disable-component-update"),
         *(
             "--disable-sync",

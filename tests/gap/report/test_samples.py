@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from walkerkit.gap.report.diagnosis import Diagnosis
-from walkerkit.gap.report.samples import POINTS, decimated, pack, packed
+from walkerkit.gap.report.samples import POINTS, decimated, pack, packed, unpack
 
 LegDiagnosis = Callable[..., Diagnosis]
-
-
-def unpack(column: dict[str, Any]) -> NDArray[np.float64]:
-    """As report.js does it."""
-    codes = np.frombuffer(base64.b64decode(column["data"]), dtype="<u2")
-    values = column["offset"] + column["step"] * codes
-    return np.where(codes == 65535, np.nan, values)
 
 
 def test_signal_errors_units_and_floor(leg: LegDiagnosis) -> None:
