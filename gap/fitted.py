@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import functools
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from walkerkit.gap.report import wording
+from walkerkit.gap.report.console import Rows, plain
 from walkerkit.gap.report.diagnosis import Estimate
 from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.quantity import quantity
@@ -114,9 +110,7 @@ class Fitted:
             f"before and {quantity(size.after, size.unit)} after; the noise of the measurement "
             f"alone would leave {quantity(size.noise_floor, size.unit)}."
         ]
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-        for name in ("effect", "place", "parameter", "value", "unit"):
-            table.add_column(name, justify="right" if name == "value" else "left")
+        table = Rows("effect", "place", "parameter", "value", "unit", right=("value",))
         notes = []
         for one in self.effects:
             for of in one.parameters:
@@ -124,9 +118,7 @@ class Fitted:
                 notes += [wording.WARNINGS[warning]] if warning else []
                 text = f"{value} ({warning})" if warning else value
                 cells = (one.effect, wording.site(of.place), of.name, text, unit)
-                table.add_row(*(Text(wording.label(cell)) for cell in cells))
-        out = io.StringIO()
-        Console(file=out, width=_WIDTH, color_system=None, legacy_windows=False).print(table)
-        lines += ["", *(line.rstrip() for line in out.getvalue().splitlines())]
+                table.add(*map(wording.label, cells))
+        lines += ["", *plain(table, _WIDTH).splitlines()]
         lines += [f"{i}. {note}" for i, note in enumerate(dict.fromkeys(notes), start=1)]
         return "\n".join(lines)

@@ -55,7 +55,7 @@ def test_shows_what_the_command_prints(repository: Path) -> None:
     # As `walkerkit demo` records it. That the whole catalogue ends with this effect takes minutes.
     recordings = rehearse(LEG_XML, seed=0).recordings
     found = gap.diagnose(LEG_XML, recordings, effects=["viscous_friction"])
-    printed = f"{found}\nWritten to diagnosis"
+    printed = f"{found}\ndiagnosis/report.html"
     assert words(shown) == words(printed)
 
 

@@ -130,7 +130,7 @@ def load_motions(folder: str | Path, *, allow_outside: bool = False) -> tuple[Mo
     """
     path = Path(folder) / MOTIONS
     try:
-        with np.load(path) as file:
+        with path.open("rb") as opened, np.load(opened) as file:
             arrays = dict(file)
         heads = json.loads(str(arrays["about"]))
         robots = {

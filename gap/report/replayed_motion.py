@@ -50,7 +50,11 @@ def motions(
         )
         for robot, replay, old, new in pairs:
             for rows in _recordings(replay):
-                each = {"measured": replay.measured[rows], "before": old[rows], "after": new[rows]}
+                each: dict[Which, FloatArray] = {
+                    "measured": replay.measured[rows],
+                    "before": old[rows],
+                    "after": new[rows],
+                }
                 found.append(_motion(replay, rows, each, robot, held_out=name == "held"))
     return tuple(found)
 

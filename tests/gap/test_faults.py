@@ -165,7 +165,7 @@ def test_a_search_that_is_stopped_has_a_result(robot: Path) -> None:
     send_when(stopped, robot / "stopped" / CHECKPOINT, 1, signal.SIGINT)
     out, error = stopped.communicate()
     assert stopped.returncode == 0, error
-    assert "Written to stopped" in out
+    assert out.splitlines()[-1] == "stopped/report.html"
     assert "Stopping with what was found so far." in error
     told = json.loads((robot / "stopped/diagnosis.json").read_text(encoding="utf-8"))
     assert told["verdict"] in ("explained", "partly_explained", "unexplained")

@@ -236,7 +236,7 @@ def test_the_command_says_what_was_hidden_and_where_to_look(
     assert captured.err == ""
     *_, hidden, look = captured.out.splitlines()
     assert hidden == "What was hidden: nothing"
-    assert look == f"Look at {out / 'report.html'}"
+    assert look == str(out / "report.html")
     assert json.loads((out / "diagnosis.json").read_text())["verdict"] == "no_gap"
     assert {"report.html", "model.xml", "actuators.json"} <= {file.name for file in out.iterdir()}
     # Whoever wants to can do the same by hand.

@@ -47,6 +47,33 @@ def test_names_are_whole_on_a_narrow_terminal(leg: LegDiagnosis) -> None:
     assert max(map(len, text.splitlines())) <= 80
 
 
+def test_a_table_without_room_becomes_lines_that_break_no_name(leg: LegDiagnosis) -> None:
+    diagnosis = leg()
+    (named,) = diagnosis.effects
+    (of,) = named.parameters
+    name = "robot_0/front_left_upper_knee_pitch_joint"
+    field = "joint/solreffriction and joint/solimpfriction"
+    changes = tuple(replace(change, place=name) for change in of.changes)
+    long = replace(of, place=name, field=field, changes=changes)
+    wide = replace(diagnosis, effects=(replace(named, joints=(name,), parameters=(long,)),))
+    for width in (60, 80):
+        text = as_text(wide, width=width)
+        changed = text.partition("What changes in the model\n")[2].partition("\n\n")[0]
+        assert changed.splitlines() == [
+            *(name, f"  field: {field}", "  was: 0.05000", "  is: 0.2023"),
+            *("  change: +0.1523", "  unit: N·m"),
+        ]
+        assert max(map(len, text.splitlines())) <= width
+        assert "(98 % sure)" in text or "98 % sure" in text
+
+
+@pytest.mark.parametrize("width", range(40, 100, 7))
+def test_no_line_ends_between_a_number_and_its_unit(leg: LegDiagnosis, width: int) -> None:
+    text = as_text(leg(), width=width)
+    sentences = text.partition("Where")[0] + text.partition("Notes")[2]
+    assert not re.search(r"\d\n(?:%|mrad)", sentences)
+
+
 def test_only_the_first_three_locations(leg: LegDiagnosis) -> None:
     text = as_text(leg())
     where = text.partition("Where")[2].partition("Effects")[0]

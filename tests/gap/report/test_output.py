@@ -232,6 +232,7 @@ def test_the_folder_has_every_file_and_nothing_else(delayed: Path) -> None:
         "model.xml",
         "actuators.json",
         "next_experiment.csv",
+        "motions.npz",
     }
 
 
@@ -425,7 +426,9 @@ def test_models_of_a_manifest_share_the_effect(tmp_path: Path, kept: slice, held
         "experiments.toml",
         "diagnosis.json",
         "report.html",
+        "motions.npz",
     }
+    assert "kp30, kp60" in (out / "report.html").read_text(encoding="utf-8")
     check_diagnosis(json.loads((out / "diagnosis.json").read_text(encoding="utf-8")))
     for kp in (30, 60):
         model = mujoco.MjModel.from_xml_path(str(out / f"model_kp{kp}.xml"))

@@ -5,8 +5,6 @@ from __future__ import annotations
 import html
 import json
 import re
-import shutil
-import subprocess
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -17,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.gap.report.browser import browse, needs_browser
 from walkerkit.gap import Recording, compare
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.report.diagnosis import Diagnosis, Hint, Verdict
@@ -30,8 +29,6 @@ HOSTILE = (
     "hip' \" %{x} $\\alpha$ &amp; <!-- [red]",
     "</script><script>document.title='pwned'</script>",
 )
-CHROMIUM = shutil.which("chromium")
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not on PATH")
 
 
 @dataclass
@@ -303,25 +300,6 @@ def test_the_lines_that_load_the_model_run(
         exec(html.unescape(found[1]), names)
     assert names["model"].joint("calf").id == 0
     assert [joint.name for joint in names["walker"].observable_joints] == ["calf"]
-
-
-def browse(path: Path, *options: str) -> tuple[str, list[str]]:
-    """The document as headless Chromium leaves it, and what it wrote to the console."""
-    command = [
-        *(str(CHROMIUM), "--headless", "--no-sandbox", "--use-angle=swiftshader"),
-        *("--use-gl=angle", "--enable-unsafe-swiftshader", "--disable-quic"),
-        *("--no-first-run", "--disable-background-networking", "--disable-component-update"),
-        *(
-            "--disable-sync",
-            f"--user-data-dir={path.parent / 'profile'}",
-            "--window-size=1200,2000",
-        ),
-        *("--enable-logging=stderr", "--virtual-time-budget=5000", "--dump-dom", *options),
-    ]
-    done = subprocess.run(
-        [*command, path.as_uri()], capture_output=True, text=True, timeout=60, check=True
-    )
-    return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
 
 @needs_browser

@@ -63,3 +63,16 @@ def test_what_diverged_is_a_hole(leg: LegDiagnosis) -> None:
 @pytest.mark.parametrize("values", [[], [2.5, 2.5], [np.nan, np.nan], [np.nan, 1.0]])
 def test_empty_constant_and_missing_values(values: list[float]) -> None:
     np.testing.assert_array_equal(unpack(pack(np.array(values))), values)
+
+
+def test_a_line_breaks_where_the_simulation_starts_again(leg: LegDiagnosis) -> None:
+    trace = leg(samples=50).traces[0]
+    late = trace.time + np.where(np.arange(50) >= 40, 1.0, 0.0)  # a part was left out
+    again = replace(trace, time=late, restarts=np.array([20, 40]))
+    shown = packed(again, None, mended=True)
+    error, measured = unpack(shown["errors"][0]), unpack(shown["measured"])
+    assert np.flatnonzero(np.isnan(error)).tolist() == [20, 41]
+    assert np.flatnonzero(np.isnan(measured)).tolist() == [41]  # it was measured all the while
+    assert unpack(shown["time"]).size == 52
+    few = packed(again, None, mended=True, points=12)
+    assert np.isnan(unpack(few["errors"][0])).sum() == 2
