@@ -1,6 +1,6 @@
 "use strict";
 // The controls of the robot that moves: one time for it and for the plots.
-const robotMoving = async ({read, unpacked, dark}) => {
+const robotMoving = async ({read, unpacked}) => {
   const place = document.getElementById("moving");
   if (!place) return () => {};
   const {scenes, motions} = await read("scenes");
@@ -48,11 +48,11 @@ const robotMoving = async ({read, unpacked, dark}) => {
     now.textContent = `${motion.time[frame].toFixed(2)} s`;
     slider.setAttribute("aria-valuetext", now.textContent);
     if (!view) return;
-    const night = dark.matches;
+    const mended = boxes.some((one) => one.value === "after");
     const looks = {
-      after: {color: rgb("--after"), alpha: 1},
-      before: {color: rgb("--before"), alpha: boxes.some((b) => b.value === "after") ? 0.5 : 1},
-      measured: {color: rgb("--ghost"), alpha: night ? 0.45 : 0.4},
+      after: {color: rgb("--after"), alpha: 1, behind: 0},
+      before: {color: rgb("--before"), alpha: mended ? 0.5 : 1, behind: 1},
+      measured: {color: rgb("--ghost"), alpha: 0.4, behind: -1},
     };
     const robots = ["after", "before", "measured"]
       .filter((which) => boxes.some((one) => one.value === which && one.checked))
@@ -121,7 +121,15 @@ const robotMoving = async ({read, unpacked, dark}) => {
   recordings.addEventListener("change", () => { stop(); choose(); });
   comparison.on("plotly_click", ({points}) => { stop(); go(points[0].x); });
   for (const event of ["plotly_relayout", "plotly_afterplot"]) comparison.on(event, pointed);
-  const linked = () => go(parseFloat(/^#t=(.*)$/.exec(window.location.hash)?.[1]));
+  // report.html#t=1.5&errors=5 is a place in the page, too.
+  const linked = () => {
+    const wanted = new URLSearchParams(window.location.hash.slice(1));
+    const options = [...factor.options].map((option) => option.value);
+    if (options.includes(wanted.get("errors"))) factor.value = wanted.get("errors");
+    if (!wanted.has("t")) return;
+    go(parseFloat(wanted.get("t")));
+    place.scrollIntoView();
+  };
   window.addEventListener("hashchange", linked);
   new ResizeObserver(draw).observe(canvas);
 

@@ -127,7 +127,7 @@
     show();
   }
 
-  const drawn = await robotMoving({read, unpacked, dark});
+  const drawn = await robotMoving({read, unpacked});
 
   const inks = (night) => {
     for (const plot of plots) plotted(plot, night);

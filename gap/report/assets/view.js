@@ -256,7 +256,7 @@ const robotView = (() => {
       parts.filter((part) => !part.moves).forEach(
         (part) => filled(part, resting[part.body], shown.ground, 1));
       const lacking = [];
-      shown.robots.forEach(({which, color, alpha}, order) => {
+      shown.robots.forEach(({which, color, alpha, behind}) => {
         const found = poses(scene, positions(scene, motion, which, frame, factor));
         if (!found) {
           lacking.push(which);
@@ -265,7 +265,7 @@ const robotView = (() => {
         const robot = parts.filter((part) => part.moves);
         const all = () => robot.forEach((part) => filled(part, found[part.body], color, alpha));
         gl.enable(gl.POLYGON_OFFSET_FILL);
-        gl.polygonOffset(-order, -2 * order); // what lies on another is seen on it
+        gl.polygonOffset(behind, 4 * behind); // where surfaces meet, which of them is seen
         if (alpha < 1) { // only the nearest surface of a ghost
           gl.colorMask(false, false, false, false);
           all();

@@ -43,6 +43,12 @@ def browse(
     return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
 
-def picture(path: Path, to: Path, place: str = "", *, size: str = "1200,2000") -> None:
-    """Writes what a window of that size shows of a page."""
-    browse(path, f"--screenshot={to}", place=place, size=size)
+def picture(path: Path, to: Path, place: str, *, size: str) -> None:
+    """Writes what a window of that size shows of a place in a page."""
+    # A window that is scrolled itself comes out white.
+    frame = path.with_name("frame.html")
+    style = "border:0;width:100vw;height:100vh"
+    frame.write_text(
+        f"<body style='margin:0'><iframe src='{path.as_uri()}{place}' style='{style}'></iframe>"
+    )
+    browse(frame, f"--screenshot={to}", size=size)

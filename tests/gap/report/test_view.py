@@ -138,7 +138,7 @@ def test_a_browser_finds_the_poses_that_mujoco_does(page: Path, tmp_path: Path) 
 def test_frames_differ_as_the_time_does(page: Path, tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image")
 
-    def shown(place: str, size: str = "1200,2600") -> np.ndarray:
+    def shown(place: str, size: str = "1200,1000") -> np.ndarray:
         picture(page, tmp_path / "shot.png", place, size=size)
         return np.asarray(image.open(tmp_path / "shot.png").convert("RGB"), dtype=int)
 
@@ -147,7 +147,9 @@ def test_frames_differ_as_the_time_does(page: Path, tmp_path: Path) -> None:
     assert changed.sum() > 1500  # the robot, the slider and the line in the plots
     orange = (first[..., 0] > 180) & (first[..., 2] < first[..., 0] - 60)
     assert orange.sum() > 500
-    assert not np.array_equal(shown("#t=0.4", "390,3600"), shown("#t=1.2", "390,3600"))
+    phone = shown("#t=0.4&errors=5", "390,844")
+    assert phone.shape[:2] == (844, 390)
+    assert not np.array_equal(phone, shown("#t=1.2&errors=5", "390,844"))
 
 
 @needs_browser
