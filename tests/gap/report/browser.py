@@ -19,22 +19,33 @@ _QUIET = (
 
 
 def browse(
-    path: Path, *options: str, place: str = "", webgl: bool = True, size: str = "1200,2000"
+    path: Path,
+    *options: str,
+    place: str = "",
+    webgl: bool = True,
+    size: str = "1200,2000",
+    shot: Path | None = None,
 ) -> tuple[str, list[str]]:
     """The document as the browser leaves it, and what it wrote to the console.
 
     Args:
         path: the page.
-        options: more of the browser's; without any the document is returned.
+        options: more of the browser's.
         place: what follows the page's address, such as `#t=1.5`.
         webgl: whether the browser has it.
         size: of the window.
+        shot: a picture to write in place of the document.
     """
     drawing = _WEBGL if webgl else ("--disable-gpu", "--disable-3d-apis")
     folder = f"--user-data-dir={path.parent / 'profile'}"
     command = [str(CHROMIUM), *_QUIET, *drawing, folder, f"--window-size={size}"]
     done = subprocess.run(
-        [*command, *(options or ("--dump-dom",)), path.as_uri() + place],
+        [
+            *command,
+            *options,
+            f"--screenshot={shot}" if shot else "--dump-dom",
+            path.as_uri() + place,
+        ],
         capture_output=True,
         text=True,
         timeout=120,
@@ -51,4 +62,4 @@ def picture(path: Path, to: Path, place: str, *, size: str) -> None:
     frame.write_text(
         f"<body style='margin:0'><iframe src='{path.as_uri()}{place}' style='{style}'></iframe>"
     )
-    browse(frame, f"--screenshot={to}", size=size)
+    browse(frame, size=size, shot=to)

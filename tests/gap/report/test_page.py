@@ -345,7 +345,7 @@ def test_a_browser_runs_no_name_of_a_model_a_log_or_an_error_of_wiring(tmp_path:
     assert re.search("<title>[^<]*&lt;b&gt;arm", dom)
     page = Page(dom)
     assert not [attributes for _, attributes in page.tags if "onerror" in attributes]
-    assert len(page.scripts) == 4
+    assert len(page.scripts) == 4 + 3 + 1  # data, ours, and plotly.js unpacked
     assert f"The sign of {joint} is flipped" in page.text
 
 
@@ -361,8 +361,9 @@ def test_a_phone_scrolls_the_page_only_downwards_and_can_choose(
     path.write_text(
         """<iframe id="phone" src="report.html" style="width: 360px; height: 800px"></iframe>
         <pre id="seen"></pre>
-        <script>setTimeout(() => {
+        <script>const look = () => {
           const page = document.getElementById("phone").contentDocument;
+          if (!("ready" in page.documentElement.dataset)) return setTimeout(look, 100);
           const select = page.getElementById("joint"), shown = [];
           for (const index of [0, 1, 2]) {
             select.selectedIndex = index;
@@ -372,7 +373,8 @@ def test_a_phone_scrolls_the_page_only_downwards_and_can_choose(
           const {scrollWidth, clientWidth} = page.documentElement;
           document.getElementById("seen").textContent =
             JSON.stringify({scrollWidth, clientWidth, shown});
-        }, 2000)</script>"""
+        };
+        look();</script>"""
     )
     dom, console = browse(path, "--allow-file-access-from-files")
     assert console == []
