@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 
 LONGEST, RATE = 10.0, 30.0
 """Seconds of a recording that are kept at most, and frames a second."""
+_CLOSED_RATE = 10.0  # where loops have to be closed, which takes milliseconds a frame
 _ROUNDED = 1e-6
 
 
@@ -95,7 +96,10 @@ def _motion(
     }
     moving, columns = replay.robot, list(known.values())
     span = _worst(time, each["before"][:, columns] - each["measured"][:, columns])
-    kept = np.arange(span.start, span.stop)[:: _nth(time[span])]
+    absent = _absent(moving, known)
+    bound = [name for name in absent if name in moving.loops.joints]
+    rate = _CLOSED_RATE if bound else RATE
+    kept = np.arange(span.start, span.stop)[:: _nth(time[span], rate)]
     joints = [*known]
     addresses = [moving.joints[name].qpos for name in joints]
     parts = {which: [values[kept][:, columns]] for which, values in each.items()}
@@ -107,8 +111,6 @@ def _motion(
         for which, values in each.items():
             parts[which].append(_pose(recording, at, values[kept], places))
     found = {which: np.concatenate(some, axis=1) for which, some in parts.items()}
-    absent = _absent(moving, known)
-    bound = [name for name in absent if name in moving.loops.joints]
     if bound:
         found = {which: _closed(moving, addresses, some, bound) for which, some in found.items()}
         joints += bound
@@ -145,11 +147,11 @@ def _worst(time: FloatArray, error: FloatArray) -> slice:
     return slice(first, int(ends[first]))
 
 
-def _nth(time: FloatArray) -> int:
-    """How many samples go to one frame."""
+def _nth(time: FloatArray, rate: float) -> int:
+    """How many samples go to one frame, where there are at most `rate` of these in a second."""
     if time.size < 3:
         return 1
-    return max(1, int(np.ceil(1 / (RATE * float(np.median(np.diff(time)))) - _ROUNDED)))
+    return max(1, int(np.ceil(1 / (rate * float(np.median(np.diff(time)))) - _ROUNDED)))
 
 
 def _pose(
