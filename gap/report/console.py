@@ -130,7 +130,7 @@ def comparison_table(comparison: pd.DataFrame) -> RenderableType:
         table.add_column(column, justify="right", no_wrap=True)
     for row in comparison.head(_STRUCTURES).to_dict("records"):
         table.add_row(
-            row["structure"],
+            Text(row["structure"]),
             f"{row['elpd']:.1f}",
             f"{row['difference']:.1f} ± {row['se']:.1f}",
             percent(row["weight"]),
