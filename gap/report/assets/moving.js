@@ -3,7 +3,7 @@
 const robotMoving = async ({read, unpacked}) => {
   const place = document.getElementById("moving");
   if (!place) return () => {};
-  const {scenes, motions} = await read("scenes");
+  const {scenes, motions} = await read("scenes", {scenes: [], motions: []});
   for (const scene of scenes) {
     for (const mesh of scene.meshes) mesh.vertices = mesh.vertices.map(unpacked);
   }

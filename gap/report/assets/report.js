@@ -7,7 +7,8 @@
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
     return new Response(stream).text();
   };
-  const read = async (id) => JSON.parse(await unzipped(id));
+  // What had no room in the page is not there.
+  const read = async (id, otherwise) => (said(id) ? JSON.parse(await unzipped(id)) : otherwise);
 
   const HOLE = 65535;
   const unpacked = ({offset, step, data}) => {
@@ -83,7 +84,7 @@
   for (const plot of plots) plotted(plot, dark.matches);
 
   const selects = ["recording", "joint", "signal"].map((id) => document.getElementById(id));
-  const traces = selects[0] ? await read("traces") : [];
+  const traces = await read("traces", []);
   const show = () => {
     const shown = document.getElementById("shown");
     const [recording, joint, signal] = selects.map((select) => select.value);

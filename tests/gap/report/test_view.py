@@ -203,6 +203,19 @@ def test_a_page_has_room_for_a_fine_mesh_and_many_recordings(
     assert len(traces_shown) == len(traces)
 
 
+@needs_browser
+def test_a_page_that_has_no_room_says_so(
+    leg: LegDiagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("walkerkit.gap.report.page.MOST", 2_000_000)  # of plotly.js alone
+    path = tmp_path / "report.html"
+    write_report(replace(leg(), motions=(motion(),)), path, title="leg")
+    dom, console = browse(path)
+    assert console == []
+    assert "0 of 9 signals are drawn and the robot moves in 0 of 1 recordings" in dom
+    assert "The motion of walk is not in this page" in dom
+
+
 def test_a_coarse_mesh_is_where_the_fine_one_is() -> None:
     model = motion(points=5000).model
     vertices = np.array(model.mesh_vert, dtype=float)
