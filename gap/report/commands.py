@@ -74,9 +74,10 @@ def replay(
     if done.returncode:
         raise RuntimeError(f"the film ended with {done.returncode}: {_last(done)}")
     motion = motions[which]
+    mended = ", as mended in blue on the right" if motion.mended else ""
     typer.echo(
         f"{motion.recording}, {motion.time[0]:.1f} to {motion.time[-1]:.1f} s: the model as given "
-        "in orange, as mended in blue, measured as a ghost."
+        f"in orange{mended}, measured as a ghost."
     )
     typer.echo(str(out))
 

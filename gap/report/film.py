@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.report.motion import Motion, Which, load_motions
+from walkerkit.gap.report.shapes import seen_geoms
 
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -29,6 +30,7 @@ _INKS = {"before": (0.84, 0.37, 0.0, 1.0), "after": (0.0, 0.45, 0.7, 1.0)}  # as
 _GHOST = (0.85, 0.85, 0.85, 0.45)
 _AZIMUTH, _ELEVATION = 123.0, -17.0  # degrees
 _CLOSE = 0.9  # of the distance at which all would be seen for certain
+_UNSEEN = 5  # group of geoms
 _SOME = 30  # frames that tell how far a motion reaches
 
 
@@ -45,11 +47,12 @@ def pictures(motion: Motion, *, factor: float = 1.0) -> Iterator[Picture]:
     model = copy.copy(motion.model)
     model.vis.global_.offwidth = max(WIDTH, int(model.vis.global_.offwidth))
     model.vis.global_.offheight = max(HEIGHT, int(model.vis.global_.offheight))
-    shown: tuple[Which, ...] = ("before", "after")
-    if np.array_equal(motion.before, motion.after, equal_nan=True):
-        shown = ("before",)
+    seen = seen_geoms(model)
+    model.geom_group[:] = _UNSEEN
+    model.geom_group[seen] = 0
+    shown: tuple[Which, ...] = ("before", "after") if motion.mended else ("before",)
     qpos = {which: motion.qpos(which, factor) for which in ("measured", *shown)}
-    middles, radius = _extent(model, qpos["measured"])
+    middles, radius = _extent(model, qpos["measured"], seen)
     camera = mujoco.MjvCamera()
     camera.azimuth, camera.elevation = _AZIMUTH, _ELEVATION
     camera.distance = _CLOSE * radius / np.sin(np.radians(model.vis.global_.fovy) / 2)
@@ -99,9 +102,11 @@ def _posed(model: mujoco.MjModel, qpos: FloatArray) -> mujoco.MjData | None:
     return data
 
 
-def _extent(model: mujoco.MjModel, qpos: FloatArray) -> tuple[FloatArray, float]:
-    """The middle of what moves in each frame, (n, 3) [m], and how far it reaches [m]."""
-    moving = [g for g in range(model.ngeom) if model.body_weldid[model.geom_bodyid[g]]]
+def _extent(
+    model: mujoco.MjModel, qpos: FloatArray, seen: Sequence[int]
+) -> tuple[FloatArray, float]:
+    """The middle of what is seen to move in each frame, (n, 3) [m], and how far it reaches [m]."""
+    moving = [g for g in seen if model.body_weldid[model.geom_bodyid[g]]]
     middles, found = np.full((len(qpos), 3), np.nan), [1e-2]
     every = max(1, len(qpos) // _SOME)
     for frame, row in enumerate(qpos):

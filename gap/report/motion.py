@@ -70,6 +70,11 @@ class Motion:
     base_estimated: bool = False
     whole: bool = True
 
+    @property
+    def mended(self) -> bool:
+        """Whether the mended model moves otherwise than the given one."""
+        return not np.array_equal(self.before, self.after, equal_nan=True)
+
     def qpos(self, which: Which, factor: float = 1.0) -> FloatArray:
         """(n, nq) positions of its model; what does not move is at rest.
 

@@ -55,16 +55,13 @@ class Shape:
 
 
 def shapes(model: mujoco.MjModel) -> tuple[Shape, ...]:
-    """All that is seen: visible geoms, of bodies without these those that collide, or rods.
+    """All that is seen: the geoms that are, and rods where a body that moves has none.
 
     Height fields are left out.
 
     Args:
         model: the compiled model.
     """
-    drawn = [g for g in range(model.ngeom) if int(model.geom_type[g]) in _KINDS]
-    visible = {g for g in drawn if model.geom_group[g] < _SEEN_GROUPS and model.geom_rgba[g, 3] > 0}
-    clothed = {int(model.geom_bodyid[g]) for g in visible}
     found = [
         Shape(
             body=int(model.geom_bodyid[g]),
@@ -76,10 +73,17 @@ def shapes(model: mujoco.MjModel) -> tuple[Shape, ...]:
             bound=float(model.geom_rbound[g]),
             moves=bool(model.body_weldid[model.geom_bodyid[g]]),
         )
-        for g in drawn
-        if g in visible or int(model.geom_bodyid[g]) not in clothed
+        for g in seen_geoms(model)
+        if int(model.geom_type[g]) in _KINDS
     ]
     return (*found, *(_rod(*rod) for rod in _rods(model)))
+
+
+def seen_geoms(model: mujoco.MjModel) -> list[int]:
+    """The geoms that are seen: a body's visible ones, else those that it collides with."""
+    visible = (model.geom_group < _SEEN_GROUPS) & (model.geom_rgba[:, 3] > 0)
+    clothed = {int(body) for body in model.geom_bodyid[visible]}
+    return [g for g in range(model.ngeom) if visible[g] or int(model.geom_bodyid[g]) not in clothed]
 
 
 def clad(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
