@@ -445,7 +445,8 @@ def effects() -> None:
         for name, text in said.items():
             table.add_row(Text(name, style="dim"), Paragraph(text))
         console.print(Text(effect.name, style="bold"))
-        console.print(Padding(table, (0, 0, 1, 2), expand=False))
+        console.print(Padding(table, (0, 0, 0, 2), expand=False))
+        console.print()
 
 
 @app.command()

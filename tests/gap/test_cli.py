@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
+from rich.cells import cell_len
 
 from tests.gap.progress import without_progress
 from walkerkit.gap import cli, workflow
@@ -699,7 +700,8 @@ def test_version_is_that_of_the_package(run: Run) -> None:
     assert outcome.out == f"walkerkit {metadata.version('walkerkit')}\n"
 
 
-def test_effects_lists_the_whole_catalogue(run: Run) -> None:
+def test_effects_lists_the_whole_catalogue(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     outcome = run("effects")
     assert (outcome.status, outcome.err) == (0, "")
     said = " ".join(outcome.out.split())
@@ -707,7 +709,7 @@ def test_effects_lists_the_whole_catalogue(run: Run) -> None:
         for text in (effect.name, effect.equation, effect.symptom, effect.added_as):
             assert " ".join(text.split()) in said
     assert "2ε: width [rad]" in said
-    assert max(map(len, outcome.out.splitlines())) <= 80
+    assert max(map(cell_len, outcome.out.splitlines())) <= 80
 
 
 def test_compare_names_nothing_and_writes_nothing(run: Run, folder: Path) -> None:

@@ -51,12 +51,10 @@ def run(folder: Path, out: str, *, effects: tuple[str, ...] = EFFECTS, **options
         diagnose("servo.xml", logs, effects=effects, out=out, n_threads=1, **options)
 
 
-def content(folder: Path) -> dict[str, str]:
+def content(folder: Path) -> dict[str, bytes]:
     """Everything in a folder, but for how long it took."""
     return {
-        path.name: re.sub(
-            r'"seconds": [\d.]+|Diagnosed in [\d.]+ s', "", path.read_text(encoding="utf-8")
-        )
+        path.name: re.sub(rb'"seconds": [\d.]+|Diagnosed in [\d.]+ s', b"", path.read_bytes())
         for path in folder.iterdir()
     }
 
