@@ -190,7 +190,8 @@ def test_the_result_of_another_run_stays_unless_told_otherwise(robot: Path) -> N
     run(robot, "mine", effects=("torque_bias",), overwrite=True)
     after = content(robot / "mine")
     assert after["diagnosis.json"] != before["diagnosis.json"]
-    assert json.loads(after[".walkerkit-run.json"])["run"] not in before[".walkerkit-run.json"]
+    run_now, run_before = (json.loads(one[".walkerkit-run.json"])["run"] for one in (after, before))
+    assert run_now != run_before
 
 
 def test_a_model_of_the_users_own_is_not_replaced(robot: Path) -> None:
