@@ -112,6 +112,10 @@ def test_every_link_leads_to_a_section(confused: Diagnosis, tmp_path: Path) -> N
     links = [str(attributes["href"]) for attributes in page.attributes("a")]
     assert len(links) >= 9
     assert {link.removeprefix("#") for link in links} <= places
+    headings = re.findall(r"<h[23][^>]*>(.*?)</h[23]>", page.source)
+    names = re.findall(r'<a href="#\w+">(.*?)(?: \(\d+\))?</a>', page.source)
+    assert len(names) == len(links)
+    assert {*names} <= {*headings}
 
 
 def test_the_map_is_a_table_that_needs_no_pointer(leg: LegDiagnosis, tmp_path: Path) -> None:
