@@ -231,6 +231,16 @@ def _tilted(effect: HiddenEffect) -> Array:
     return to_base
 
 
+def nearest_rate(rate: float, timestep: float) -> float:
+    """The rate nearest to `rate` whose samples are whole numbers of simulated steps apart [Hz].
+
+    Args:
+        rate: wanted [Hz].
+        timestep: of the model [s].
+    """
+    return 1.0 / (max(round(1.0 / (rate * timestep)), 1) * timestep)
+
+
 def _stride(rate: float, timestep: float) -> int:
     """Simulated steps from one sample to the next."""
     steps = 1.0 / (rate * timestep) if rate > 0 else 0.0

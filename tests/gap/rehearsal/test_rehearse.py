@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -91,6 +92,14 @@ def test_it_records_every_experiment_with_all_signals(arm: Path) -> None:
         for joint in recording.joints:
             for signal in ("position", "velocity", "effort", "position_target"):
                 assert recording.signal(joint, signal) is not None
+
+
+@pytest.mark.parametrize(("timestep", "rate"), [("0.0025", 400.0), ("0.005", 200.0)])
+def test_the_rate_is_one_that_the_timestep_allows(arm: Path, timestep: str, rate: float) -> None:
+    text = arm.read_text(encoding="utf-8")
+    arm.write_text(re.sub(r'timestep="[\d.]+"', f'timestep="{timestep}"', text), encoding="utf-8")
+    for recording in rehearse(arm, ["none"], seconds=1.0).recordings:
+        assert np.diff(recording.time) == pytest.approx(1 / rate)
 
 
 def test_targets_stay_around_home_and_inside_the_joints_range(arm: Path) -> None:
