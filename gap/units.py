@@ -34,6 +34,7 @@ LARGEST_POSITION = 50.0
 _TURN = float(2 * np.pi)
 _DEGREE = _TURN / 360
 _BEYOND, _FAR_BEYOND = 1.2, 4.0  # of a joint's range, where nothing is as far
+_AS_FAR = 0.1  # of a position that is too far, from which its target is in the same unit
 _NEVER_SENT = 10.0  # of a joint's range, that none is asked for, be it as weak
 _ALIKE, _CLOSE = 0.9, 1.4  # correlation, and times a factor, of columns that differ in unit
 _LESS_ALIKE = 0.7  # where one of them is far beyond the range
@@ -390,7 +391,9 @@ def _turns_on(recording: Recording, joint: str) -> bool:
 def _too_far(robot: Robot, joint: Joint, recording: Recording, signal: str) -> str:
     values = recording.columns[f"{joint.name}/{signal}"]
     row = int(np.argmax(np.abs(values) > LARGEST_POSITION))
-    unit, wrong = "rad", looks_like(_angles_of(recording, joint.name), *_range(robot, joint))
+    # One of them may be in radians.
+    far = [v for v in _angles_of(recording, joint.name) if _peak(v) > _AS_FAR * _peak(values)]
+    unit, wrong = "rad", looks_like(far, *_range(robot, joint))
     remedy = f"Of a wheel log '{joint.name}/velocity' in rad/s, too, which bears it out."
     if joint.slide:
         unit, wrong = "m", "millimetres; divide it by 1000"
