@@ -275,3 +275,23 @@ def test_a_demo_leaves_files_of_the_users_own_alone(
     with pytest.raises(InputError, match=rf"{mine}: is in the way.*--overwrite"):
         demo.run(out=tmp_path)
     assert (tmp_path / mine).read_text() == "mine"
+
+
+def test_joints_that_nothing_drives_are_logged(tmp_path: Path) -> None:
+    path = tmp_path / "cart.xml"
+    path.write_text(
+        """<mujoco><option timestep="0.002"/><worldbody><body>
+        <joint name="cart" type="slide" axis="1 0 0" damping="1"/><geom size="0.1" mass="2"/>
+        <body><joint name="pole" axis="0 1 0" damping="0.01"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02" mass="0.3"/></body>
+        </body></worldbody>
+        <actuator><position joint="cart" kp="300" kv="30"/></actuator></mujoco>""",
+        encoding="utf-8",
+    )
+    for recording in rehearse(path, ["none"], seconds=1.0).recordings:
+        assert set(recording.joints) == {"cart", "pole"}
+        position, velocity = (recording.columns[f"pole/{s}"] for s in ("position", "velocity"))
+        assert np.ptp(position) > 0.01
+        slope = np.gradient(position, recording.time)
+        assert np.corrcoef(slope[20:-20], velocity[20:-20])[0, 1] > 0.8
+        assert "pole/effort" not in recording.columns
