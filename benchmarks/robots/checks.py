@@ -88,6 +88,9 @@ def check(name: str, path: Path, *, diagnose: bool = True) -> Outcome:
     def attempt(what: Callable[[], str]) -> str:
         try:
             return what()
+        except np.linalg.LinAlgError:  # a ValueError that says nothing of the robot
+            broken.append(traceback.format_exc())
+            return "traceback"
         except (InputError, ValueError) as error:
             return f"refused: {error}"
         except Exception:  # a robot file may raise anything, which is what is counted here
