@@ -24,7 +24,7 @@ from walkerkit.gap.recordings.recording import LONGEST_STEP, Recording
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.untaken import before_gear
 from walkerkit.gap.too_large import looks_like
-from walkerkit.gap.velocities import averaged, disagreement, rates
+from walkerkit.gap.velocities import averaged, disagreement, held_ripple, rates
 
 FloatArray = NDArray[np.float64]
 
@@ -34,6 +34,7 @@ LARGEST_POSITION = 50.0
 _TURN = float(2 * np.pi)
 _DEGREE = _TURN / 360
 _BEYOND, _FAR_BEYOND = 1.2, 4.0  # of a joint's range, where nothing is as far
+_AS_FAR = 0.1  # of a position that is too far, from which its target is in the same unit
 _NEVER_SENT = 10.0  # of a joint's range, that none is asked for, be it as weak
 _ALIKE, _CLOSE = 0.9, 1.4  # correlation, and times a factor, of columns that differ in unit
 _LESS_ALIKE = 0.7  # where one of them is far beyond the range
@@ -49,6 +50,8 @@ _AVERAGED = 0.1  # s, over which velocities are compared
 _LONGEST_FILTER = 0.05  # s, that a velocity is behind
 _NEAR = 1.2  # times a unit's factor
 _NEARER = 1.02  # times that of revolutions, which gears come near to
+_EACH_ROW = 0.5  # of the rows that have a target of their own
+_RIPPLE, _NO_FACTOR = 2.0, 0.01  # times the ripple of the model; and besides
 _ODD = 3.0  # times, that no filter makes a velocity larger or smaller
 _FACTORS: Mapping[float, tuple[str, str]] = {
     1 / _DEGREE: ("velocity", "degrees per second; multiply it by pi/180 (numpy.deg2rad)"),
@@ -267,6 +270,8 @@ def with_checked_velocities(robot: Robot, recording: Recording) -> Recording:
                 "one, as of the motor before its gear.",
             )
         found = disagreement(recording, name)
+        if found is not None and _is_ripple(robot, recording, name, found.factor):
+            found = replace(found, factor=1.0) if found.offset else None
         if found is None and 1 / _ODD < abs(likeness.ratio) < _ODD:
             continue
         slide = robot.joints[name].slide
@@ -278,6 +283,23 @@ def with_checked_velocities(robot: Robot, recording: Recording) -> Recording:
         )
         wrong.add(f"{name}/velocity")
     return _with_notes(without(recording, wrong), notes)
+
+
+def _is_ripple(robot: Robot, recording: Recording, name: str, factor: float) -> bool:
+    """Whether a velocity is less than its slope since targets are held from row to row."""
+    joint, target = robot.joints[name], recording.signal(name, "position_target")
+    both = rates(recording, name)
+    if target is None or both is None or np.mean(np.diff(target) != 0) < _EACH_ROW:
+        return False
+    stiffness = sum(drive.stiffness for drive in joint.drives)
+    damping = robot.model.dof_damping[joint.dof] + sum(drive.damping for drive in joint.drives)
+    if stiffness <= 0:
+        return False
+    least, most = held_ripple(
+        both[2], inertia=robot.model.dof_M0[joint.dof], stiffness=stiffness, damping=float(damping)
+    )
+    # The joint may have another inertia than the model.
+    return bool(1 + _RIPPLE * (least - 1) - _NO_FACTOR < factor < 1 + _RIPPLE * (most - 1))
 
 
 def velocity_likeness(recording: Recording, joint: str) -> Likeness | None:
@@ -369,7 +391,9 @@ def _turns_on(recording: Recording, joint: str) -> bool:
 def _too_far(robot: Robot, joint: Joint, recording: Recording, signal: str) -> str:
     values = recording.columns[f"{joint.name}/{signal}"]
     row = int(np.argmax(np.abs(values) > LARGEST_POSITION))
-    unit, wrong = "rad", looks_like(_angles_of(recording, joint.name), *_range(robot, joint))
+    # One of them may be in radians.
+    far = [v for v in _angles_of(recording, joint.name) if _peak(v) > _AS_FAR * _peak(values)]
+    unit, wrong = "rad", looks_like(far, *_range(robot, joint))
     remedy = f"Of a wheel log '{joint.name}/velocity' in rad/s, too, which bears it out."
     if joint.slide:
         unit, wrong = "m", "millimetres; divide it by 1000"

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.ndimage import uniform_filter1d
 
 from walkerkit.gap.recordings.recording import Recording
@@ -79,6 +80,30 @@ def rates(recording: Recording, joint: str) -> tuple[FloatArray, FloatArray, flo
         return None
     smoothed = Smoothed(recording.time, np.stack([position, velocity]))
     return smoothed.slopes[0], smoothed.values[1], smoothed.step
+
+
+def held_ripple(
+    period: float, *, inertia: float, stiffness: float, damping: float
+) -> tuple[float, float]:
+    """What a servo's velocity is of its slope as each target comes, where these are held between.
+
+    A stiff servo jumps ahead with each target and has slowed down when the next one comes, which is
+    when a log has its rows: their velocity is less than the slope, all the time.
+
+    Args:
+        period: from target to target [s].
+        inertia: of the joint [kg·m²; kg].
+        stiffness: of the servo [N·m/rad; N/m].
+        damping: of servo and joint [N·m·s/rad; N·s/m].
+
+    Returns:
+        The least and the largest factor, 1 among them.
+    """
+    law = np.array([[0.0, 1.0], [-stiffness / inertia, -damping / inertia]])
+    # Of motion at a speed of 1, the same in every period: behind the target, and the velocity.
+    behind = -np.linalg.solve(np.eye(2) - expm(law * period), [period, 0.0])
+    factor = float(behind[1])
+    return min(factor, 1.0), max(factor, 1.0)
 
 
 def averaged(values: FloatArray, seconds: float, step: float) -> FloatArray:

@@ -40,6 +40,39 @@ class Law(abc.ABC):
         self._shape = shape
         self._allocate(shape)
         self._refresh()
+        if not type(self).__module__.startswith("walkerkit."):
+            self._try_out()
+
+    def _try_out(self) -> None:
+        """Runs a law of a user's own once, so that its first error says what is wrong with it.
+
+        Raises:
+            ValueError: it raises, writes to what it is given, or returns no two arrays of numbers.
+        """
+        name = f"{type(self).__module__}.{type(self).__qualname__}.effort"
+        still = np.zeros(self._shape)
+        still.flags.writeable = False
+        targets = (still if target in self.takes else None for target in TARGETS)
+        self.reset(None)
+        try:
+            made = self.effort(*targets, still, still)
+        except Exception as error:  # a user's function may raise anything
+            raise ValueError(f"{name} raised {type(error).__name__}: {error}") from error
+        self.reset(None)
+        wanted = (
+            f"two new arrays of floats of shape {self._shape}: the effort that it asks for, and "
+            "what its limits leave of it"
+        )
+        if not isinstance(made, tuple | list) or len(made) != 2:
+            raise ValueError(f"{name} returned {_kind(made)}; it should return {wanted}")
+        for one in made:
+            if not isinstance(one, np.ndarray) or one.shape != self._shape or one.dtype.kind != "f":
+                raise ValueError(f"{name} returned {_kind(one)} in it; it should return {wanted}")
+            if not np.isfinite(one).all():
+                raise ValueError(
+                    f"{name} returned {one} for targets, positions and velocities of zero; it "
+                    "should return finite numbers"
+                )
 
     def get(self, name: str) -> FloatArray:
         """A parameter, (n_joints,) or (n_sims, n_joints)."""
@@ -82,3 +115,12 @@ class Law(abc.ABC):
 
     def _refresh(self) -> None:  # noqa: B027
         """Works out what follows from parameters that changed."""
+
+
+def _kind(value: object) -> str:
+    """What a value is, for a message."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape} and {value.dtype}"
+    if isinstance(value, tuple | list):
+        return f"a {type(value).__name__} of {len(value)}"
+    return f"a {type(value).__name__}" if value is not None else "None"

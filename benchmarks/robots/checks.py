@@ -88,6 +88,9 @@ def check(name: str, path: Path, *, diagnose: bool = True) -> Outcome:
     def attempt(what: Callable[[], str]) -> str:
         try:
             return what()
+        except np.linalg.LinAlgError:  # a ValueError that says nothing of the robot
+            broken.append(traceback.format_exc())
+            return "traceback"
         except (InputError, ValueError) as error:
             return f"refused: {error}"
         except Exception:  # a robot file may raise anything, which is what is counted here
@@ -146,7 +149,9 @@ def configs(model: mujoco.MjModel) -> dict[str, ActuatorCfg | None]:
         "position": BuiltinPositionActuatorCfg(**each),
         "PD": BuiltinPdActuatorCfg(**each),
         "velocity": BuiltinVelocityActuatorCfg(joint_names_expr=(".*",), damping=each["damping"]),
-        "motor": BuiltinMotorActuatorCfg(joint_names_expr=(".*",), effort_limit=0.1),
+        "motor": BuiltinMotorActuatorCfg(
+            joint_names_expr=(".*",), effort_limit=min(0.1, each["stiffness"])
+        ),
         "builtin DC motor": BuiltinDcMotorActuatorCfg(**each, **motor, input="position"),
     }
 
@@ -241,14 +246,32 @@ def own_log(model: mujoco.MjModel) -> dict[str, Any]:
 
 
 def _of_the_robot(model: mujoco.MjModel) -> list[int]:
-    """The joints of the trees that something drives; what else is in the file is scenery."""
+    """The joints of the trees that something drives or a tendon ties to them; not the scenery."""
     driven = {joint for a in range(model.nactuator) if (joint := on_joint(model, a)) is not None}
     trees = set(model.body_rootid[model.jnt_bodyid[list(driven)]]) if driven else None
+    for tied in _tied(model):
+        if trees and trees & tied:
+            trees |= tied
     return [
         joint
         for joint in range(model.njnt)
         if trees is None or model.body_rootid[model.jnt_bodyid[joint]] in trees
     ]
+
+
+def _tied(model: mujoco.MjModel) -> Iterator[set[int]]:
+    """The trees that each tendon ties to each other."""
+    bodies = {
+        int(mujoco.mjtWrap.mjWRAP_JOINT): model.jnt_bodyid,
+        int(mujoco.mjtWrap.mjWRAP_SITE): model.site_bodyid,
+    }
+    for first, count in zip(model.tendon_adr, model.tendon_num, strict=True):
+        wraps = range(first, first + count)
+        yield {
+            int(model.body_rootid[bodies[model.wrap_type[w]][model.wrap_objid[w]]])
+            for w in wraps
+            if model.wrap_type[w] in bodies
+        }
 
 
 def _targets(

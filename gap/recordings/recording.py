@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from walkerkit.gap.errors import InputError, closest, one_line, refusal
+from walkerkit.gap.errors import InputError, closest, one_line, refusal, some
 from walkerkit.gap.recordings.clocks import on_one_clock
 from walkerkit.gap.recordings.files import describe_row, read, write
 from walkerkit.gap.recordings.spans import Spans, kept_rows
@@ -47,7 +47,7 @@ SIGNALS = (
     "effort_target",
     "voltage_target",
 )
-TARGETS = SIGNALS[3:]
+_MEASURED, TARGETS = SIGNALS[:3], SIGNALS[3:]
 MAY_BE_EMPTY = ("velocity", "effort", "current", "voltage")
 """Signals of which a column without any number is one that was not logged."""
 QUATERNION = tuple(f"base/quaternion_{axis}" for axis in "wxyz")
@@ -125,6 +125,7 @@ class Recording:
                     f"column {name!r} has {values.size} samples and 'time' has {time.size}. "
                     "Put all columns on one clock"
                 )
+        self._check_clocks(columns)
         for name, values in {"time": time, **columns}.items():
             self._check_finite(name, values)
         self._check_time(time)
@@ -376,6 +377,23 @@ class Recording:
                     "Write plain numbers in SI units, time in seconds"
                 ) from None
         return numbers
+
+    def _check_clocks(self, columns: Mapping[str, Array]) -> None:
+        empty = [
+            name
+            for name, values in columns.items()
+            if _split(name)[1] in _MEASURED and np.mean(np.isnan(values)) > _FEW
+        ]
+        if len(empty) > 1:
+            signals = tuple(f"/{signal}" for signal in _MEASURED)
+            raise self._error(
+                f"columns {some(empty)} are empty in rows that have others: each came on a clock "
+                "of its own. Interpolate them over time where they are empty (pandas: names = "
+                f"[n for n in frame if n.endswith({signals})]; "
+                "frame[names] = frame.set_index('time')[names].interpolate('index', "
+                "limit_direction='both').to_numpy()), and leave the targets "
+                "as they are: they hold"
+            )
 
     def _check_finite(self, name: str, values: Array) -> None:
         bad = np.flatnonzero(~np.isfinite(values))

@@ -32,6 +32,7 @@ import mujoco.batch
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from walkerkit.actuators.drive import SCALAR_JOINTS
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware_base import WIDTH, base_readings, free_joint
@@ -138,9 +139,11 @@ def run_hardware(
     ends = lead, max(log.values(longest) - lead - len(held), 0)
     sent = np.pad(held, (ends, (0, 0), (0, 0)), "edge")
     seeds = [[seed, i] for i in range(len(commands))]
-    *signals, states, told, soil = _run(model, drives, hidden, sent, lead, stride, seeds)
+    *signals, states, swung, told, soil = _run(model, drives, hidden, sent, lead, stride, seeds)
     rows = log.rows(*signals, count=longest)
     poses = log.base_rows(states, count=longest)
+    passive = _passive(model, drives)
+    swings = log.base_rows(swung, count=longest)
     step = float(model.opt.timestep)
     unit = Imu.drawn(np.random.default_rng([seed, len(seeds)]))
     if poses.size and base != "pose":
@@ -159,6 +162,9 @@ def run_hardware(
             for j, (joint, kind) in enumerate(zip(drives.joints, drives.kinds, strict=True))
             for signal, values in zip((f"{kind}_target", *_LOGGED), (logged, *read), strict=True)
         }
+        columns |= _passive_columns(
+            model, passive, swings[: len(command), i], np.random.default_rng([*seeds[i], 1])
+        )
         if swing_of(hidden):
             columns["voltage"] = log.voltage(len(command), swing_of(hidden), rng)
         if poses.size and base != "imu":
@@ -231,6 +237,16 @@ def _tilted(effect: HiddenEffect) -> Array:
     return to_base
 
 
+def nearest_rate(rate: float, timestep: float) -> float:
+    """The rate nearest to `rate` whose samples are whole numbers of simulated steps apart [Hz].
+
+    Args:
+        rate: wanted [Hz].
+        timestep: of the model [s].
+    """
+    return 1.0 / (max(round(1.0 / (rate * timestep)), 1) * timestep)
+
+
 def _stride(rate: float, timestep: float) -> int:
     """Simulated steps from one sample to the next."""
     steps = 1.0 / (rate * timestep) if rate > 0 else 0.0
@@ -268,7 +284,7 @@ def _run(
     start: int,
     stride: int,
     seeds: Sequence[Sequence[int]],
-) -> tuple[Array, Array, Array, Array, Companion | None, _Loads]:
+) -> tuple[Array, Array, Array, Array, Array, Companion | None, _Loads]:
     """Steps all experiments together.
 
     Args:
@@ -283,7 +299,8 @@ def _run(
     Returns:
         Positions and speeds as the encoders read them and reported efforts at each step, shape as
         `sent`; the state of a base that floats, shape (n_steps, n_experiments, 13), else (…, 0);
-        the computer beside the robot, where there is one; and what its feet carry.
+        positions and speeds of the joints that nothing drives, (n_steps, n_experiments, 2 n); the
+        computer beside the robot, where there is one; and what its feet carry.
     """
     step, n_sims = float(model.opt.timestep), sent.shape[1]
     controller = Controller(drives, hidden, step=step, n_sims=n_sims)
@@ -310,12 +327,16 @@ def _run(
     position, speed, effort = np.empty((3, *sent.shape))
     base = np.empty((*sent.shape[:2], 0 if free is None else WIDTH))
     loads = np.zeros((*sent.shape[:2], len(soil.names)))
+    passive = _passive(model, drives)
+    at, its_dofs = model.jnt_qposadr[passive], model.jnt_dofadr[passive]
+    swung = np.empty((*sent.shape[:2], 2 * len(passive)))
     if soil.any:
         soil.watch(batch)
     for k, target in enumerate(controller.arriving(sent, start=start)):
         q, qd = qpos[:, drives.qpos], qvel[:, drives.dofs]
         angle, rate = transmission.motor_side(q, qd)
         position[k], speed[k] = drives.read(angle, rate)
+        swung[k] = np.hstack([qpos[:, at], qvel[:, its_dofs]])
         if free is not None:
             base[k, :, :7] = qpos[:, free[0] : free[0] + 7]
             base[k, :, 7:] = qvel[:, free[1] : free[1] + 6]
@@ -350,7 +371,32 @@ def _run(
                     f"{k * step - SETTLE:.3f} s after its start; soften the model's gains, hide "
                     "less, or raise substeps"
                 )
-    return position, speed, effort, base, told, _Loads(names=soil.names, loads=loads)
+    return position, speed, effort, base, swung, told, _Loads(names=soil.names, loads=loads)
+
+
+def _passive(model: mujoco.MjModel, drives: Drives) -> list[int]:
+    """Joints that swing by themselves, and have encoders; those of closed loops have none."""
+    return [
+        joint
+        for joint in range(model.njnt)
+        if model.jnt_type[joint] in SCALAR_JOINTS
+        and model.joint(joint).name
+        and model.joint(joint).name not in drives.joints
+        and not model.neq
+    ]
+
+
+def _passive_columns(
+    model: mujoco.MjModel, passive: Sequence[int], states: Array, rng: np.random.Generator
+) -> dict[str, Array]:
+    """What a log has of these joints, of their (T, 2 n) positions and speeds."""
+    q, qd = np.split(states, 2, axis=1)
+    read = readings(np.stack([q, qd, 0 * q]), rng)
+    return {
+        f"{model.joint(joint).name}/{signal}": values[:, j]
+        for j, joint in enumerate(passive)
+        for signal, values in zip(_LOGGED[:2], read[:2], strict=True)
+    }
 
 
 def _follow_damping(model: mujoco.MjModel, drives: Drives, step: float) -> None:

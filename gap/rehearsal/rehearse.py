@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.rehearsal.hardware import run_hardware
+from walkerkit.gap.rehearsal.hardware import nearest_rate, run_hardware
 from walkerkit.gap.rehearsal.hardware_drive import Drives, Source
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, loudness
@@ -121,18 +121,26 @@ def rehearse(
     except InputError as error:
         raise InputError(f"{model}: {error}") from None
     targets = [BATTERY[name] for name in EXPERIMENTS]
-    time = np.arange(0.0, seconds, 1 / RATE)
+    rate = nearest_rate(RATE, robot.model.opt.timestep)
+    time = np.arange(0.0, seconds, 1 / rate)
     lower, upper = _room(robot)
     sent = [
         signal(time, lower=lower, upper=upper, rng=rng, max_velocity=_SPEED) for signal in targets
     ]
     choices = [None] if hide is None else [[name] for name in names]
     with without_warnings():  # what diverges is said below, or tried otherwise
-        nominal, substeps = _stable(robot, sent, seed)
+        nominal, substeps = _stable(robot, sent, seed, rate)
         hidden, recordings = [], nominal
         for choice in choices:
             effect, recordings = draw_loud(
-                robot.spec, sent, rng, choice, nominal=nominal, seed=seed, substeps=substeps
+                robot.spec,
+                sent,
+                rng,
+                choice,
+                nominal=nominal,
+                seed=seed,
+                substeps=substeps,
+                rate=rate,
             )
             hidden.append(effect)
         if len(hidden) > 1 or imu:
@@ -142,6 +150,7 @@ def rehearse(
                     sent,
                     seed=seed,
                     hidden=hidden,
+                    rate=rate,
                     names=EXPERIMENTS,
                     substeps=substeps,
                     base="imu" if imu else "pose",
@@ -154,7 +163,9 @@ def rehearse(
     return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
 
 
-def _stable(robot: Robot, sent: Sequence[FloatArray], seed: int) -> tuple[list[Recording], int]:
+def _stable(
+    robot: Robot, sent: Sequence[FloatArray], seed: int, rate: float
+) -> tuple[list[Recording], int]:
     """The experiments with nothing hidden, in steps that are short enough; and how many they are.
 
     Raises:
@@ -162,7 +173,9 @@ def _stable(robot: Robot, sent: Sequence[FloatArray], seed: int) -> tuple[list[R
     """
     for substeps in _SUBSTEPS:
         try:
-            found = run_hardware(robot.model, sent, seed=seed, names=EXPERIMENTS, substeps=substeps)
+            found = run_hardware(
+                robot.model, sent, rate=rate, seed=seed, names=EXPERIMENTS, substeps=substeps
+            )
         except RuntimeError:
             continue
         return found, substeps

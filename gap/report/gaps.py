@@ -26,6 +26,8 @@ class GapSize:
             from which replays restart.
         numerical_floor: what the simulation's own timestep leaves, and how it rounds off dry
             friction.
+        by_chance: how many times its noise floor so few restarts leave by chance, of the noise
+            alone.
     """
 
     unit: str
@@ -33,6 +35,7 @@ class GapSize:
     after: float
     noise_floor: float
     numerical_floor: float = 0.0
+    by_chance: float = 1.0
 
     @property
     def floor(self) -> float:
@@ -42,7 +45,7 @@ class GapSize:
     @property
     def at_floor(self) -> bool:
         """Whether no gap is left that is worth the word."""
-        return self.after <= _AT_FLOOR * self.floor
+        return self.after <= max(_AT_FLOOR * self.floor, self.by_chance * self.noise_floor)
 
     @property
     def closed(self) -> float:
@@ -130,8 +133,13 @@ def _standing_out(joints: Mapping[str, GapSize]) -> tuple[str, ...]:
     for size in joints.values():
         numerical[size.unit] = max(numerical.get(size.unit, 0.0), size.numerical_floor)
     floors = {n: math.hypot(one.noise_floor, numerical[one.unit]) for n, one in joints.items()}
-    far = {n: one.after / floors[n] for n, one in joints.items() if floors[n] > 0}
-    return tuple(sorted((n for n in far if far[n] > _JOINT_AT_FLOOR), key=lambda n: -far[n]))
+    far = {
+        n: one.after / floors[n]
+        for n, one in joints.items()
+        if one.after > max(_JOINT_AT_FLOOR * floors[n], one.by_chance * one.noise_floor)
+        and floors[n] > 0
+    }
+    return tuple(sorted(far, key=lambda n: -far[n]))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from walkerkit.gap.recordings.state import with_more_noise
 from walkerkit.gap.report.diagnosis import Trace
@@ -23,11 +24,13 @@ from walkerkit.gap.search.problem import Problem, channel_noise
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are, predict_together
 from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
 
 _QUARTER = 4  # of the timestep, at which the numerical floor is taken
 _DRAWS = 6  # of the noise of restarts
+_RARELY = 0.002  # probability of what is not put down to chance
 _LONGEST_TRACE = 20000  # samples
 _AND = " and "  # between units
 
@@ -78,19 +81,24 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
     positions = [c for c in channels if c.signal == "position"]
     finer, drier = _nearest(problem, after, positions)
     restarted = [] if problem.window is None else _restarted(problem, after)
+    misread = [] if problem.window is None else _misread(problem, after)
 
     def own_noise(chosen: Sequence[Channel]) -> float:
         return float(np.sqrt(np.mean([floor[c] ** 2 for c in chosen])))
 
     def size(chosen: Sequence[Channel]) -> GapSize:
-        changed = np.array([_changed(after, one, chosen) for one in restarted])
-        of_restarts = math.sqrt(np.mean(np.square(changed))) if changed.size else 0.0
+        of_restarts = max(_rms_change(after, some, chosen) for some in (restarted, misread))
+        noise = math.hypot(own_noise(chosen), of_restarts)
+        # One restart is wrong one way for all of its window, at each joint of its own.
+        times = _by_chance(_restarts(after, chosen), len(positions) if len(chosen) == 1 else 1)
+        most = math.hypot(own_noise(chosen), times * of_restarts)
         return GapSize(
             unit=unit_of(problem, chosen),
             before=before.rms(chosen),
             after=after.rms(chosen),
-            noise_floor=math.hypot(own_noise(chosen), of_restarts),
+            noise_floor=noise,
             numerical_floor=_changed(after, finer, chosen),
+            by_chance=most / noise if noise else 1.0,
         )
 
     signals = dict.fromkeys(c.quantity for c in channels)
@@ -281,6 +289,52 @@ def _restarted(problem: Problem, replayed: Replayed) -> list[Replayed]:
         if math.isfinite(_changed(replayed, again, same[0].channels)):
             found.append(again)
     return found
+
+
+def _misread(problem: Problem, replayed: Replayed) -> list[Replayed]:
+    """The same replays from states that are off by their errors.
+
+    Besides the noise these have what smoothing takes off a motion that is fast for it.
+    """
+    rng = np.random.default_rng(0)
+    trials = []
+    for replay in replayed.replays:
+        trials.append(Trials(replay.robot, _DRAWS))
+        for errors in trials[-1].start_errors.values():
+            errors += rng.standard_normal(errors.shape)
+    predicted = predict_together(replayed.replays, trials, problem.n_threads)
+    draws = [tuple(one[k] for one in predicted) for k in range(_DRAWS)]
+    return [
+        Replayed(replays=replayed.replays, predicted=one)
+        for one in draws
+        if all(np.isfinite(some).all() for some in one)
+    ]
+
+
+def _rms_change(one: Replayed, others: Sequence[Replayed], channels: Sequence[Channel]) -> float:
+    """Root mean square of the changes to several others; 0 of none."""
+    changed = np.array([_changed(one, other, channels) for other in others])
+    return math.sqrt(np.mean(np.square(changed))) if changed.size else 0.0
+
+
+def _restarts(replayed: Replayed, channels: Sequence[Channel]) -> int:
+    """How many windows have samples of some channels; what is wrong at one may move them all."""
+    found = 0
+    for replay in replayed.replays:
+        chosen = [c for c, channel in enumerate(replay.channels) if channel in channels]
+        measured = ~np.isnan(replay.measured[:, chosen]).all(axis=1)
+        found += len(np.unique(replay.segment_of_row[measured]))
+    return found
+
+
+def _by_chance(count: int, tries: int) -> float:
+    """Over its expectation, the most that the root mean square of `count` normal errors is.
+
+    Args:
+        count: how many errors.
+        tries: how many such numbers are looked at for the largest.
+    """
+    return float(np.sqrt(chi2.ppf(1 - _RARELY / tries, count) / count)) if count else 1.0
 
 
 def _changed(one: Replayed, other: Replayed, channels: Sequence[Channel]) -> float:

@@ -47,7 +47,8 @@ def load_robot(source: str | Path, *, floating: bool = False, allow_outside: boo
         drivetrain = getattr(made, "drivetrain", None)
         if drivetrain is None:
             return robot
-        return with_programs(robot, drivetrain)
+        with _of_the_user(name):
+            return with_programs(robot, drivetrain)
     return robot_from_spec(_spec_from_file(Path(name), allow_outside), name)
 
 

@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.errors import InputError, one_line
 from walkerkit.gap.simulation.drive_forces import adjoining
 from walkerkit.gap.simulation.programs import Program
 from walkerkit.gap.simulation.robot import Joint
@@ -243,7 +244,14 @@ class _Part:
     def effort(self, sent: FloatArray, q: FloatArray, qd: FloatArray) -> FloatArray:
         """What is left of the law's effort behind its limits."""
         targets = {kind: sent[:, columns] for kind, columns in self._inputs.items()}
-        _, effort = self.law.effort(
-            targets.get("position"), targets.get("velocity"), targets.get("effort"), q, qd
-        )
+        law = self.law.effort
+        try:
+            _, effort = law(
+                targets.get("position"), targets.get("velocity"), targets.get("effort"), q, qd
+            )
+        except Exception as error:  # a law of a user's own may raise anything
+            raise InputError(
+                f"{law.__qualname__}, of the actuators, raised {type(error).__name__} in a replay: "
+                f"{one_line(error)}. Mend it for whatever targets, positions and velocities."
+            ) from error
         return effort

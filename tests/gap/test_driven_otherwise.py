@@ -102,3 +102,34 @@ def test_the_mended_pair_is_a_walker_and_so_is_its_file(write, tmp_path):
         for _ in range(rows):
             environment.step(np.zeros(walker.action_spec.shape))
         np.testing.assert_allclose(environment.physics.data.qpos, data.qpos, atol=1e-7)
+
+
+MOTOR = """
+<mujoco>
+  <option timestep="0.01" integrator="{}"/>
+  <worldbody><body>
+    <joint name="knee" axis="0 1 0" damping="0.05" armature="0.02"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.5"/>
+  </body></worldbody>
+  <actuator><motor joint="knee"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_a_coarse_timestep_leaves_no_gap_in_its_own_log_of_efforts(tmp_path, integrator):
+    path = tmp_path / "motor.xml"
+    path.write_text(MOTOR.format(integrator), encoding="utf-8")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, rows = mujoco.MjData(model), 600
+    time = model.opt.timestep * np.arange(rows)
+    effort = 0.2 * np.sin(5 * time) + 0.1 * np.sin(9 * time + 1)
+    position = np.empty(rows)
+    for row in range(rows):
+        data.ctrl[:], position[row] = effort[row], data.qpos[0]
+        mujoco.mj_step(model, data)
+    position += 2e-5 * np.random.default_rng(0).standard_normal(rows)
+    columns = {"knee/position": position, "knee/effort_target": effort}
+    found = gap.compare(path, [gap.Recording(name="own", time=time, columns=columns)], n_threads=1)
+    assert found.verdict == "no_gap"
+    assert found.gap.position.before < 5e-4

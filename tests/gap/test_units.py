@@ -364,3 +364,13 @@ def test_logs_of_real_hardware_pass(real_logs: Path) -> None:
             assert with_checked_extent(real, recording) is recording
             assert with_checked_angles(real, recording) is recording
             assert with_checked_velocities(real, recording) is recording
+
+
+def test_a_position_in_ticks_beside_a_target_in_radians_is_told_so() -> None:
+    angle = 0.6 * np.sin(4 * TIME)
+    read = {POSITION: np.rint(2048 + angle * 4096 / (2 * np.pi))}
+    recording = log(angle, angle)
+    ticks = replace(recording, columns={**recording.columns, **read})
+    message = r"'elbow/position'.*looks like ticks of an encoder, 4096 a turn; make it \(n - 2048\)"
+    with pytest.raises(InputError, match=message):
+        with_checked_extent(robot(), ticks)

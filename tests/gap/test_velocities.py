@@ -9,7 +9,7 @@ from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.units import with_checked_velocities
-from walkerkit.gap.velocities import disagreement
+from walkerkit.gap.velocities import disagreement, held_ripple
 
 RATE = 250.0
 TIME = np.arange(0, 12, 1 / RATE)
@@ -85,3 +85,38 @@ def test_positions_in_revolutions_are_refused_and_a_gear_of_six_is_not():
     with pytest.raises(InputError, match=r"6.28 times.*'knee/position' looks like revolutions"):
         checked(log(SPEED, position=SWING / (2 * np.pi)))
     assert "is 6 times the slope" in checked(log(6 * SPEED)).notes[0]
+
+
+def servoed(rate, factor=1.0):
+    """A log of a stiff servo whose targets are held from row to row, with MuJoCo's own velocity."""
+    model = mujoco.MjModel.from_xml_string(SERVO)
+    data = mujoco.MjData(model)
+    steps = round(1 / rate / model.opt.timestep)
+    time = np.arange(0, 8, 1 / rate)
+    target = 0.4 * np.sin(1.3 * time) + 0.2 * np.sin(4.1 * time)
+    states = np.empty((time.size, 2))
+    for row in range(time.size):
+        data.ctrl[:], states[row] = target[row], [data.qpos[0], data.qvel[0]]
+        mujoco.mj_step(model, data, steps)
+    names = ("knee/position", "knee/velocity", "knee/position_target")
+    columns = dict(zip(names, (states[:, 0], factor * states[:, 1], target), strict=True))
+    robot = robot_from_spec(mujoco.MjSpec.from_string(SERVO), "knee.xml")
+    return robot, Recording(name="log", time=time, columns=columns)
+
+
+SERVO = """<mujoco><option timestep="0.001" integrator="implicitfast"/><worldbody><body>
+<joint name="knee" axis="0 1 0" armature="0.005"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.012" mass="0.2"/></body></worldbody>
+<actuator><position joint="knee" kp="60" kv="3"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("rate", [100, 50])
+def test_a_servo_that_slows_down_before_each_target_has_no_other_unit(rate):
+    robot, recording = servoed(rate)
+    least, most = held_ripple(1 / rate, inertia=0.0077, stiffness=60.0, damping=3.0)
+    found = disagreement(recording, "knee")
+    assert found.factor == pytest.approx(least, abs=0.02)
+    assert most == 1.0
+    assert with_checked_velocities(robot, recording).notes == ()
+    robot, recording = servoed(rate, factor=0.5)
+    assert "times the slope" in with_checked_velocities(robot, recording).notes[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -91,6 +92,14 @@ def test_it_records_every_experiment_with_all_signals(arm: Path) -> None:
         for joint in recording.joints:
             for signal in ("position", "velocity", "effort", "position_target"):
                 assert recording.signal(joint, signal) is not None
+
+
+@pytest.mark.parametrize(("timestep", "rate"), [("0.0025", 400.0), ("0.005", 200.0)])
+def test_the_rate_is_one_that_the_timestep_allows(arm: Path, timestep: str, rate: float) -> None:
+    text = arm.read_text(encoding="utf-8")
+    arm.write_text(re.sub(r'timestep="[\d.]+"', f'timestep="{timestep}"', text), encoding="utf-8")
+    for recording in rehearse(arm, ["none"], seconds=1.0).recordings:
+        assert np.diff(recording.time) == pytest.approx(1 / rate)
 
 
 def test_targets_stay_around_home_and_inside_the_joints_range(arm: Path) -> None:
@@ -266,3 +275,23 @@ def test_a_demo_leaves_files_of_the_users_own_alone(
     with pytest.raises(InputError, match=rf"{mine}: is in the way.*--overwrite"):
         demo.run(out=tmp_path)
     assert (tmp_path / mine).read_text() == "mine"
+
+
+def test_joints_that_nothing_drives_are_logged(tmp_path: Path) -> None:
+    path = tmp_path / "cart.xml"
+    path.write_text(
+        """<mujoco><option timestep="0.002"/><worldbody><body>
+        <joint name="cart" type="slide" axis="1 0 0" damping="1"/><geom size="0.1" mass="2"/>
+        <body><joint name="pole" axis="0 1 0" damping="0.01"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02" mass="0.3"/></body>
+        </body></worldbody>
+        <actuator><position joint="cart" kp="300" kv="30"/></actuator></mujoco>""",
+        encoding="utf-8",
+    )
+    for recording in rehearse(path, ["none"], seconds=1.0).recordings:
+        assert set(recording.joints) == {"cart", "pole"}
+        position, velocity = (recording.columns[f"pole/{s}"] for s in ("position", "velocity"))
+        assert np.ptp(position) > 0.01
+        slope = np.gradient(position, recording.time)
+        assert np.corrcoef(slope[20:-20], velocity[20:-20])[0, 1] > 0.8
+        assert "pole/effort" not in recording.columns

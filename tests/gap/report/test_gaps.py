@@ -89,3 +89,14 @@ def test_a_gap_of_one_joint_is_not_hidden_by_the_others(leg: LegDiagnosis) -> No
     assert replace(gap, joints={"hip": coarse, "knee": moved}).position_at_floor
     # A gap of all joints together hides none.
     assert replace(gap, position=moved).hidden_joints == ()
+
+
+def test_few_restarts_may_leave_more_by_chance(leg: LegDiagnosis) -> None:
+    size = GapSize(unit="rad", before=0.0024, after=0.0024, noise_floor=0.001)
+    assert not size.at_floor
+    lucky = replace(size, by_chance=2.5)
+    assert lucky.at_floor
+    gap = replace(leg().gap, position=lucky, finer_position=None)
+    assert replace(gap, joints={"knee": lucky}).position_at_floor
+    assert not replace(gap, joints={"knee": size}).position_at_floor
+    assert not replace(gap, joints={"knee": replace(lucky, after=0.003)}).position_at_floor
