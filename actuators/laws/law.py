@@ -52,10 +52,10 @@ class Law(abc.ABC):
         name = f"{type(self).__module__}.{type(self).__qualname__}.effort"
         still = np.zeros(self._shape)
         still.flags.writeable = False
-        targets = (still if target in self.takes else None for target in TARGETS)
+        position, velocity, effort = (still if one in self.takes else None for one in TARGETS)
         self.reset(None)
         try:
-            made = self.effort(*targets, still, still)
+            made = self.effort(position, velocity, effort, still, still)
         except Exception as error:  # a user's function may raise anything
             raise ValueError(f"{name} raised {type(error).__name__}: {error}") from error
         self.reset(None)

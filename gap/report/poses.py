@@ -35,7 +35,7 @@ def drawn(motion: Motion, *, mended: bool) -> list[dict[str, Any]]:
         Of each its `time` [s], and as `lines` pairs of what they are of and an SVG path, what lies
         below first; none where the robot has nothing to draw.
     """
-    frames = np.unique(np.linspace(0, motion.time.size - 1, _POSES).round().astype(np.intp))
+    frames = np.unique(np.linspace(0, motion.time.size - 1, _POSES).round().astype(int)).tolist()
     shown: Sequence[Which] = [w for w in ("after", "before", "measured") if mended or w != "after"]
     seen = {which: skeletons(motion, which, frames) for which in shown}
     flat = {which: [_flat(lines) for lines in some] for which, some in seen.items()}

@@ -76,8 +76,9 @@ class Book:
         problem, objective = self._problem, self._problem.fit.objective
         if beside is not None and not smaller:
             self._tried(one, beside)
-        rival = beside is not None and not smaller
-        if not np.isfinite(one.score) or (rival and self._out_of_reach(one, beside)):
+        if not np.isfinite(one.score):
+            return one
+        if beside is not None and not smaller and self._out_of_reach(one, beside):
             return one
         problem.fit.refine(one)
         slopes = self._slopes_beside(one, beside)

@@ -14,6 +14,8 @@ from walkerkit.gap.errors import one_line
 from walkerkit.gap.search.structure import Structure, candidate_terms
 from walkerkit.gap.simulation.robot import Robot
 
+_ROWS = 3  # written at once at least, as an effect may know one row alone
+
 
 def buildable(
     effects: Sequence[Effect], robots: Sequence[Robot], joints: Sequence[str]
@@ -53,7 +55,7 @@ def why_not(effect: Effect, robots: Sequence[Robot], joints: Sequence[str]) -> s
         for term in candidate_terms([effect], robots, joints):
             structure = Structure((term,), tuple(robots))
             starts = [slot.parameter.starts for slot in structure.slots]
-            tries = max(map(len, starts), default=0)
+            tries = max(_ROWS, *map(len, starts)) if starts else 0
             values = np.array([np.resize(one, tries) for one in starts], dtype=float).T
             for robot in robots:
                 fields = structure.trials(robot, values).fields

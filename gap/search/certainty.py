@@ -56,6 +56,8 @@ def covariance(
     seen = objective if part is None else part
     own = linearised(seen, one)
     there = seen.at(one, own.residual)
+    if not np.isfinite(there.score):  # longer steps may run away
+        seen, own, there = objective, slopes, one
     secants = linearised(seen, there, part=_SECANT)
     near, wide = (_covariance(seen, there, each, noise) for each in (own, secants))
     wider = _wider(np.diag(near), np.diag(wide))
