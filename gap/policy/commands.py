@@ -15,7 +15,10 @@ def policy(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a diagnosis.")],
     model: Annotated[
         str,
-        typer.Argument(help="The policy's model as given: MJCF file or package.module:callable."),
+        typer.Argument(
+            metavar="MODEL",
+            help="The policy's model as given: MJCF file or package.module:callable.",
+        ),
     ],
     policy: Annotated[
         str, typer.Option(help=".onnx, .pt (TorchScript), or package.module:callable.")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def render(found: PolicyGap) -> RenderableType:
     """The policy's gap as something that `rich` prints."""
     unit = "" if found.tracking is None else found.tracking[1]
-    numbers = ("part of the loss", "alone", "regained without it")
+    numbers = ("part of the loss", "alone", "regained")
     parts = table_of("effect", *numbers, "verdict", right=numbers)
     for part in found.judgement.parts:
         add_row(parts, *map(label, wording.part_cells(found, part)))

@@ -22,7 +22,13 @@ from walkerkit.gap.errors import InputError
 from walkerkit.gap.policy.loading import Policy, load_policy
 from walkerkit.gap.policy.outcome import MEASURES, Judgement, Measure, Outcome, judged
 from walkerkit.gap.policy.robot import PolicyRobot, check_in_place
-from walkerkit.gap.policy.rollout import Tracking, random_state, roll_out, tracking_of
+from walkerkit.gap.policy.rollout import (
+    Tracking,
+    draws_a_start,
+    random_state,
+    roll_out,
+    tracking_of,
+)
 from walkerkit.gap.policy.statistics import LEVEL
 from walkerkit.gap.policy.variants import Variant, findings_of, variants
 from walkerkit.gap.recordings.given import is_callable
@@ -182,7 +188,7 @@ def policy_gap(
     cast = variants(found, given, wanted)
     asked = load_policy(policy)
     seeds = range(seed, seed + episodes)
-    outcomes, before, tracking = list[Outcome](), None, None
+    outcomes, before, tracking, drawn = list[Outcome](), None, None, True
     for number, variant in enumerate(cast.variants):
         if progress:
             progress(variant.name, number / len(cast.variants))
@@ -190,6 +196,8 @@ def policy_gap(
         before = environment.physics.model.ptr if before is None else before
         check_in_place(given, variant.robot, before, environment.physics.model.ptr)
         tracking = tracking_of(environment)
+        if variant.kind == "given":
+            drawn = draws_a_start(environment, seeds[:2])
         rolled = roll_out(environment, asked, seeds=seeds, seconds=seconds)
         environment.close()
         outcomes.append(Outcome.of(variant, rolled))
@@ -202,7 +210,7 @@ def policy_gap(
         share=margin,
         tracking=_told(tracking),
         next_experiment=_next_experiment(judgement, found.content),
-        notes=(*cast.notes, *_notes(outcomes)),
+        notes=(*cast.notes, *_notes(outcomes, drawn=drawn)),
     )
 
 
@@ -290,10 +298,10 @@ def _next_experiment(judgement: Judgement, content: Any) -> dict[str, Any] | Non
     return wanted if judgement.hangs_on else None
 
 
-def _notes(outcomes: Sequence[Outcome]) -> list[str]:
+def _notes(outcomes: Sequence[Outcome], *, drawn: bool) -> list[str]:
     notes = []
     given = outcomes[0]
-    if len({one.total for one in given.episodes}) == 1:
+    if not drawn and len({one.total for one in given.episodes}) == 1:
         notes.append(
             "All episodes in the model as given are the same: the environment draws nothing, so "
             "that the intervals are those of one episode. Let it draw where an episode begins "

@@ -153,9 +153,10 @@ def check_in_place(
         )
     contacts = [f"{kind}_{name}" for kind in ("geom", "pair") for name in _CONTACT]
     if any(name in contacts for name in wanted):
-        ground = Ground(after)
-        fixed, moving = ground.contacts.T
-        if not (after.geom_priority[moving] > after.geom_priority[fixed]).all():
+        fixed, moving = Ground(after).contacts.T
+        # What is no foot touches the ground when it is too late.
+        feet = ~np.isin(after.geom_bodyid[moving], after.body_parentid)
+        if not (after.geom_priority[moving] > after.geom_priority[fixed])[feet].all():
             raise InputError(
                 f"{_listed(robot.effects)}: a contact with the environment's floor has the floor's "
                 'numbers too. Give the feet of the model priority="1", which makes theirs count, '

@@ -102,6 +102,18 @@ def roll_out(
     return tuple(_episode(environment, policy, random, seed, seconds) for seed in seeds)
 
 
+def draws_a_start(environment: Any, seeds: Iterable[int]) -> bool:
+    """Whether the state in which an episode begins depends on its seed."""
+    random = random_state(environment)
+    starts = set()
+    for seed in seeds:
+        random.seed(seed)
+        environment.reset()
+        data = environment.physics.data
+        starts.add((data.qpos.tobytes(), data.qvel.tobytes()))
+    return len(starts) > 1
+
+
 def random_state(environment: Any) -> np.random.RandomState:
     """Where an environment draws from.
 

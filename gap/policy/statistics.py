@@ -32,6 +32,11 @@ class Interval:
     low: float
     high: float
 
+    @property
+    def half(self) -> float:
+        """Half the width of the interval."""
+        return (self.high - self.low) / 2
+
     def over(self, size: float) -> Interval:
         """The same in units of a size."""
         return Interval(mean=self.mean / size, low=self.low / size, high=self.high / size)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from walkerkit.gap.policy.outcome import Outcome, Part, RivalPart
 from walkerkit.gap.policy.statistics import Interval
-from walkerkit.gap.report.quantity import number, percent
+from walkerkit.gap.report.quantity import number, percent, scale
 
 if TYPE_CHECKING:
     from walkerkit.gap.policy.policy_gap import PolicyGap
@@ -78,12 +78,8 @@ def next_step(found: PolicyGap) -> str:
 
 def share(found: PolicyGap, loss: Interval) -> str:
     """A loss as a share of what the policy may lose it of, with its interval."""
-    scale = found.judgement.margin / found.share
-    part = loss.over(scale)
-    return (
-        f"{percent(part.mean)} of {_OF[found.measure]} "
-        f"({percent(part.low)} to {percent(part.high)})"
-    )
+    size = found.judgement.margin / found.share
+    return f"{_percent(loss.over(size))} of {_OF[found.measure]}"
 
 
 def cells(outcome: Outcome, unit: str) -> tuple[str, ...]:
@@ -96,17 +92,17 @@ def cells(outcome: Outcome, unit: str) -> tuple[str, ...]:
     return (
         outcome.name,
         interval(outcome.total, 3),
-        f"{fell} of {len(episodes)} ({percent(falls.low)} to {percent(falls.high)})",
-        "" if tracking is None else f"{interval(tracking)} {unit}".rstrip(),
+        f"{fell} of {len(episodes)} ({round(100 * falls.low)}–{round(100 * falls.high)} %)",
+        "" if tracking is None else _with_unit(tracking, unit),
         number(seconds, 2),
     )
 
 
 def part_cells(found: PolicyGap, part: Part) -> tuple[str, ...]:
     """An effect's row: its part, what it takes alone, what is regained without it."""
-    scale = found.judgement.margin / found.share
+    size = found.judgement.margin / found.share
     three = (part.part, part.alone, part.regained)
-    return (part.effect, *(_percent(one.over(scale)) for one in three), says(part.verdict))
+    return (part.effect, *(_percent(one.over(size)) for one in three), says(part.verdict))
 
 
 def rival_cells(found: PolicyGap, rival: RivalPart) -> tuple[str, ...]:
@@ -125,13 +121,19 @@ def says(verdict: str) -> str:
 
 
 def interval(of: Interval, digits: int = 2) -> str:
-    """A mean and its interval."""
-    return f"{number(of.mean, digits)} ({number(of.low, digits)} to {number(of.high, digits)})"
+    """A mean and half the width of its interval."""
+    return f"{number(of.mean, digits)} ± {number(of.half, 2)}"
+
+
+def _with_unit(of: Interval, unit: str) -> str:
+    chosen = scale(of.mean, unit)
+    mean, half = number(of.mean * chosen.factor, 3), number(of.half * chosen.factor, 1)
+    return f"{mean} ± {half} {chosen.unit}".rstrip()
 
 
 def _percent(of: Interval) -> str:
-    return f"{percent(of.mean)} ({percent(of.low)} to {percent(of.high)})"
+    return f"{percent(of.mean).removesuffix(' %')} ± {percent(of.half)}"
 
 
 def _would(rival: RivalPart) -> str:
-    return "breaks too" if rival.verdict == "breaks" else "does not break"
+    return "breaks" if rival.verdict == "breaks" else "does not break"
