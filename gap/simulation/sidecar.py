@@ -56,7 +56,7 @@ def with_sidecar(robot: Robot, model_path: Path, *, given: Robot | None = None) 
         entry = json.loads(path.read_text(encoding="utf-8"))["models"].get(model_path.name)
         if entry is None:
             return robot
-        if entry.get("in_python") and given is not None:
+        if entry.get("in_python") and given is not None and given.programs:
             robot = given
         elif entry.get("in_python"):
             joints = entry["in_python"]

@@ -52,7 +52,7 @@ class TestBlame:
             ("sensor_delay", {"delay": 0.06}),
             ("command_delay", {"delay": 0.06}),
             ("actuator_lag", {"time_constant": 0.3}),
-            ("torque_constant", {"strength": -0.95}),
+            ("effort_limit", {"limit": 0.02}),
         ],
     )
     def test_what_breaks_it_is_blamed_and_what_does_not_is_not(
@@ -130,28 +130,29 @@ class TestBlame:
         assert "More episodes" in str(found)
 
 
-class TestRivals:
-    NEXT = {
-        "excitation": "chirp",
-        "between": ["viscous_friction", "sensor_delay"],
-        "separation": 9.0,
-        "file": "next_experiment.csv",
-    }
+NEXT = {
+    "excitation": "chirp",
+    "between": ["viscous_friction", "sensor_delay"],
+    "separation": 9.0,
+    "file": "next_experiment.csv",
+}
 
+
+class TestRivals:
     def test_the_answer_may_hang_on_which_it_is(self, tmp_path: Path, model: Path) -> None:
         found = asked(
             tmp_path,
             model,
             ROUGH,
             rivals=[("sensor_delay", LATE["sensor_delay"])],
-            next_experiment=self.NEXT,
+            next_experiment=NEXT,
             fewer={"viscous_friction": ["sensor_delay", "quadratic_drag"]},
         )
         (rival,) = found.judgement.rivals
         assert (rival.effect, rival.in_place_of) == ("sensor_delay", "viscous_friction")
         assert rival.verdict == "breaks"
         assert found.judgement.verdict == "harmless"
-        assert found.next_experiment == self.NEXT
+        assert found.next_experiment == NEXT
         text = " ".join(str(found).split())
         assert "with sensor_delay for viscous_friction it breaks too" not in text
         assert "with sensor_delay for viscous_friction it breaks" in text
@@ -164,7 +165,7 @@ class TestRivals:
             model,
             LATE,
             rivals=[("command_delay", {"delay": 0.06})],
-            next_experiment=self.NEXT,
+            next_experiment=NEXT,
         )
         assert found.next_experiment is None
         assert "the same with each member" in str(found)
