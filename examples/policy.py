@@ -36,21 +36,25 @@ NOISE = {"position": 1e-3, "velocity": 0.02, "effort": 0.05}
 EFFECTS = ("command_delay", "effort_limit", "coulomb_friction")
 
 
-def quadruped(*, weak: float | None = None, late: float = 0.0) -> mujoco.MjSpec:
-    """Our quadruped with position servos, as it is in its model, or as it is."""
+def quadruped() -> mujoco.MjSpec:
+    """The model: our quadruped with position servos."""
     spec = mujoco.MjSpec.from_file(str(QUADRUPED_XML))
     for joint in (one for one in spec.joints if one.name != "root"):
         stiffness, damping, limit = GAINS[joint.name.partition("_")[2]]
-        if weak is not None and joint.name == f"{LEG}_calf":
-            limit = weak
         servo = spec.add_actuator(
             name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
         servo.set_to_position(kp=stiffness, kv=damping)
         servo.forcelimited, servo.forcerange = 1, [-limit, limit]
-        if late:
-            servo.delay, servo.interp = late, 1
-            servo.nsample = int(np.ceil(late / spec.option.timestep)) + 1
+    return spec
+
+
+def hidden(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """The robot: its targets come late, and one drive is weak."""
+    for servo in spec.actuators:
+        servo.delay, servo.interp = LATE, 1
+        servo.nsample = int(np.ceil(LATE / spec.option.timestep)) + 1
+    spec.actuator(f"{LEG}_calf").forcerange = [-WEAK, WEAK]
     return spec
 
 
@@ -68,16 +72,16 @@ def on_a_bench(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     return spec
 
 
-def logged(model: Path) -> list[gap.Recording]:
+def logged(model: Path, seed: int = 0) -> list[gap.Recording]:
     """Logs of the leg, as its encoders and drives would tell them."""
-    random = np.random.default_rng(0)
+    random = np.random.default_rng(seed)
     found = []
     for excitation in ("steps", "chirp", "multisine"):
         walker = MjcfWalker.from_file(model, home={"FL_thigh": 0.9, "FL_calf": -1.8})
         task = TrackJoints(
             walker, excitation=excitation, seconds=2.5, max_velocity=15.0, joint_names_expr=MOVED
         )
-        log = gap.record(composer.Environment(task, random_state=1), every="physics_step")
+        log = gap.record(composer.Environment(task, random_state=seed), every="physics_step")
         columns = {
             name: values + random.normal(0.0, NOISE.get(name.partition("/")[2], 0.0), len(values))
             for name, values in log.columns.items()
@@ -116,14 +120,14 @@ def make_environment(robot: Any) -> composer.Environment:
     return composer.Environment(task, time_limit=5.0)
 
 
-def main(out: str = "policy", episodes: int = 5) -> gap.PolicyGap:
+def main(out: str | Path = "policy", episodes: int = 5) -> gap.PolicyGap:
     """Hides, logs, diagnoses and asks what of it breaks the trot."""
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     model, bench, robot = (folder / f"{name}.xml" for name in ("quadruped", "bench", "robot"))
     model.write_text(quadruped().to_xml())
     bench.write_text(on_a_bench(quadruped()).to_xml())
-    robot.write_text(on_a_bench(quadruped(weak=WEAK, late=LATE)).to_xml())
+    robot.write_text(on_a_bench(hidden(quadruped())).to_xml())
     result = gap.diagnose(bench, logged(robot), effects=EFFECTS)
     result.save(folder / "diagnosis")
     print(f"named: {', '.join(effect.effect for effect in result.effects)}\n")

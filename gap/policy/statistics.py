@@ -54,7 +54,7 @@ def of_mean(values: FloatArray, level: float = LEVEL) -> Interval:
         level: of confidence.
     """
     mean = float(np.mean(values))
-    error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
+    error = float(np.std(values, ddof=1) / np.sqrt(len(values)))
     half = float(stats.t.ppf(0.5 + level / 2, len(values) - 1)) * error
     return Interval(mean=mean, low=mean - half, high=mean + half)
 
