@@ -188,19 +188,7 @@ def policy_gap(
     cast = variants(found, given, wanted)
     asked = load_policy(policy)
     seeds = range(seed, seed + episodes)
-    outcomes, before, tracking, drawn = list[Outcome](), None, None, True
-    for number, variant in enumerate(cast.variants):
-        if progress:
-            progress(variant.name, number / len(cast.variants))
-        environment = _environment(made, variant, seed)
-        before = environment.physics.model.ptr if before is None else before
-        check_in_place(given, variant.robot, before, environment.physics.model.ptr)
-        tracking = tracking_of(environment)
-        if variant.kind == "given":
-            drawn = draws_a_start(environment, seeds[:2])
-        rolled = roll_out(environment, asked, seeds=seeds, seconds=seconds)
-        environment.close()
-        outcomes.append(Outcome.of(variant, rolled))
+    outcomes, tracking, drawn = _rolled_out(cast.variants, made, asked, seeds, seconds, progress)
     _check_measured(outcomes, measure)
     judgement = judged(outcomes, cast.effects, measure=measure, margin=margin)
     return PolicyGap(
@@ -259,6 +247,33 @@ def _given(result: Any, model: str | Path | None, allow_outside: bool) -> Robot:
         )
     robot = load_robot(model, floating=True, allow_outside=allow_outside)
     return robot if robot.path is None else with_sidecar(robot, robot.path)
+
+
+def _rolled_out(
+    cast: Sequence[Variant],
+    make: MakeEnvironment,
+    policy: Policy,
+    seeds: range,
+    seconds: float | None,
+    progress: Progress | None,
+) -> tuple[list[Outcome], Tracking | None, bool]:
+    """The outcome of each robot, what is tracked, and whether starts are drawn."""
+    outcomes, before, tracking, drawn = list[Outcome](), None, None, True
+    given = cast[0].robot.robot
+    for number, variant in enumerate(cast):
+        if progress:
+            progress(variant.name, number / len(cast))
+        environment = _environment(make, variant, seeds[0])
+        model = environment.physics.model.ptr
+        before = model if before is None else before
+        check_in_place(given, variant.robot, before, model)
+        if variant.kind == "given":
+            drawn = draws_a_start(environment, seeds[:2])
+            tracking = tracking_of(environment)
+        rolled = roll_out(environment, policy, seeds=seeds, seconds=seconds)
+        environment.close()
+        outcomes.append(Outcome.of(variant, rolled))
+    return outcomes, tracking, drawn
 
 
 def _environment(make: MakeEnvironment, variant: Variant, seed: int) -> Any:

@@ -101,20 +101,7 @@ def variants(found: Findings, given: Robot, wanted: Sequence[str]) -> Cast:
     Raises:
         InputError: nothing was named, an effect is none that was, or cannot act on the robot.
     """
-    names = tuple(dict.fromkeys(effect["effect"] for effect in found.effects))
-    for name in wanted:
-        if name not in names:
-            raise InputError(
-                f"effects: {name!r} was not named{closest(name, names)}; there "
-                f"{'are' if len(names) > 1 else 'is'} {', '.join(names) or 'none'}. Name one of "
-                "them, or leave it out."
-            )
-    names = tuple(name for name in names if not wanted or name in wanted)
-    if not names:
-        raise InputError(
-            f"{found.folder}: nothing was named there, so that the mended model is the one that "
-            "was given, and no effect can break a policy. Give a diagnosis that has named effects."
-        )
+    names = _named(found, wanted)
     notes: list[str] = []
 
     def made(kind: Kind, kept: Sequence[str], effect: str = "") -> Variant:
@@ -151,6 +138,29 @@ def variants(found: Findings, given: Robot, wanted: Sequence[str]) -> Cast:
         variants=tuple(cast),
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _named(found: Findings, wanted: Sequence[str]) -> tuple[str, ...]:
+    """The named effects that count.
+
+    Raises:
+        InputError: there are none, or one that is wanted is none of them.
+    """
+    names = tuple(dict.fromkeys(effect["effect"] for effect in found.effects))
+    for name in wanted:
+        if name not in names:
+            raise InputError(
+                f"effects: {name!r} was not named{closest(name, names)}; there "
+                f"{'are' if len(names) > 1 else 'is'} {', '.join(names) or 'none'}. Name one of "
+                "them, or leave it out."
+            )
+    names = tuple(name for name in names if not wanted or name in wanted)
+    if not names:
+        raise InputError(
+            f"{found.folder}: nothing was named there, so that the mended model is the one that "
+            "was given, and no effect can break a policy. Give a diagnosis that has named effects."
+        )
+    return names
 
 
 def _rivals(
