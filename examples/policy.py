@@ -2,7 +2,7 @@
 
     python examples/policy.py [OUT]
 
-The robot differs from its model in two ways. Its targets come late, which makes most of the gap of
+The robot differs from its model in two ways. Its targets come late, which makes half of the gap of
 a log; and the drive of one calf is weak, which hardly shows in it. Logs of that leg on a bench are
 diagnosed, and the trot is rolled out on the quadruped as given, mended, and with each effect.
 OUT then holds the models, the diagnosis, and policy.html to look at.
@@ -130,7 +130,8 @@ def main(out: str | Path = "policy", episodes: int = 5) -> gap.PolicyGap:
     robot.write_text(on_a_bench(hidden(quadruped())).to_xml())
     result = gap.diagnose(bench, logged(robot), effects=EFFECTS)
     result.save(folder / "diagnosis")
-    print(f"named: {', '.join(effect.effect for effect in result.effects)}\n")
+    left = "".join(f", {1e3 * one.gap_after:.1f} with {one.effect}" for one in result.effects)
+    print(f"gap of the log: {1e3 * result.gap.position.before:.1f} mrad as given{left}\n")
     found = gap.policy_gap(
         make_environment, TrotPolicy(model), result, model=model, episodes=episodes
     )
