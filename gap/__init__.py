@@ -10,8 +10,8 @@
 
 `gap.diagnose_fleet` does it for many robots and compares them; `gap.compare` measures the gap and
 says where it is; `gap.Recording` is a log; `gap.record` runs a simulated robot and returns the log
-that a real one would leave. The steps one by one: `gap.load`, `gap.replay`, `gap.locate`, and
-`gap.fit` for a structure that is known.
+that a real one would leave; `gap.policy_gap` says which effect breaks a policy. The steps one by
+one: `gap.load`, `gap.replay`, `gap.locate`, and `gap.fit` for a structure that is known.
 """
 
 import importlib
@@ -22,6 +22,8 @@ from walkerkit.gap.errors import InputError
 if TYPE_CHECKING:
     from walkerkit.gap.fitted import Fitted
     from walkerkit.gap.fleet.fleet import Fleet, diagnose_fleet
+    from walkerkit.gap.policy.policy_gap import PolicyGap, policy_gap
+    from walkerkit.gap.policy.robot import PolicyRobot
     from walkerkit.gap.recorder import record
     from walkerkit.gap.recordings.recording import Recording
     from walkerkit.gap.report.diagnosis import Diagnosis
@@ -35,6 +37,8 @@ _HOMES = {
     "Diagnosis": "report.diagnosis",
     "Fitted": "fitted",
     "Fleet": "fleet.fleet",
+    "PolicyGap": "policy.policy_gap",
+    "PolicyRobot": "policy.robot",
     "Recording": "recordings.recording",
     "Result": "report.result",
     "compare": "workflow",
@@ -43,6 +47,7 @@ _HOMES = {
     "fit": "steps",
     "load": "steps",
     "locate": "steps",
+    "policy_gap": "policy.policy_gap",
     "record": "recorder",
     "replay": "steps",
 }
@@ -53,6 +58,8 @@ __all__ = [
     "Fitted",
     "Fleet",
     "InputError",
+    "PolicyGap",
+    "PolicyRobot",
     "Recording",
     "Result",
     "compare",
@@ -61,6 +68,7 @@ __all__ = [
     "fit",
     "load",
     "locate",
+    "policy_gap",
     "record",
     "replay",
 ]

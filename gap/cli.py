@@ -21,6 +21,7 @@ import typer
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.ingest.commands import app as ingest_commands
 from walkerkit.gap.own_robot.commands import app as own_robot_commands
+from walkerkit.gap.policy.commands import app as policy_commands
 from walkerkit.gap.report.commands import app as report_commands
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ app = typer.Typer(
 app.add_typer(ingest_commands)
 app.add_typer(own_robot_commands)
 app.add_typer(report_commands)
+app.add_typer(policy_commands)
 _OUR_FAILURE = 1
 _INTERRUPTED, _CLOSED_PIPE = 130, 141  # as of processes that the signals end
 _MOST_TOLD = 200  # characters of an error that is ours; the file has them all

@@ -156,3 +156,15 @@ class TestPyBulletPort:
         for estimate in friction.parameters:
             assert estimate.value == pytest.approx(example.FRICTION[estimate.place], rel=0.05)
         assert found.gap.position.after < 0.1 * found.gap.position.before
+
+
+def test_the_policy_falls_by_the_weak_drive_and_not_by_the_late_targets(
+    repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    example = _example(repository, "policy", monkeypatch)
+    found = example.main(tmp_path / "out", episodes=3)
+    assert found.blamed == ("effort_limit",)
+    fell = {one.name: sum(each.fell for each in one.episodes) for one in found.outcomes}
+    assert fell["as given"] == fell["with command_delay alone"] == 0
+    assert fell["with effort_limit alone"] == fell["mended"] == 3
+    assert (tmp_path / "out" / "policy" / "policy.html").is_file()

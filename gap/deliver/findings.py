@@ -39,8 +39,13 @@ class Findings:
         return effects
 
 
-def read_findings(folder: Path) -> Findings:
+def read_findings(folder: Path, *, given: Robot | None = None) -> Findings:
     """Reads the folder of a diagnosis.
+
+    Args:
+        folder: what `diagnose` has saved.
+        given: the robot as it was, for laws in Python, which no folder holds; without it, a
+            diagnosis that has some is refused.
 
     Raises:
         InputError: it is none.
@@ -65,5 +70,5 @@ def read_findings(folder: Path) -> Findings:
     if not models:
         raise InputError(f"{folder / FILE}: names no model. Diagnose once more.")
     path = folder / models[0]
-    robot = with_sidecar(load_robot(path, allow_outside=True), path)
+    robot = with_sidecar(load_robot(path, allow_outside=True), path, given=given)
     return Findings(folder=folder, content=content, models=models, robot=robot)

@@ -142,6 +142,21 @@ class Considered:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Rival:
+    """What the robot may have instead, for all that the recordings tell.
+
+    Attributes:
+        effect: what is in the place of a named effect.
+        in_place_of: that effect.
+        effects: all that the robot has then, as fitted with it; not sure of anything.
+    """
+
+    effect: str
+    in_place_of: str
+    effects: tuple[NamedEffect, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class NextExperiment:
     """The excitation that would best tell the members of a confusion set apart.
 
@@ -244,6 +259,7 @@ class Diagnosis:
         wiring: errors of wiring that were mended in the recordings before all else.
         unknown: the weight of structures with an effort that the catalogue cannot name; None where
             it is not known.
+        rivals: what the robot may have instead of one of the effects.
     """
 
     verdict: Verdict
@@ -266,6 +282,7 @@ class Diagnosis:
     wiring: tuple[WiringError, ...] = ()
     unknown: float | None = None
     motions: tuple[Motion, ...] = field(default=(), repr=False)
+    rivals: tuple[Rival, ...] = field(default=(), repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json, schema 2."""
@@ -313,6 +330,7 @@ class Diagnosis:
             ],
             "effects": [_effect(named) for named in self.effects],
             **self._correlation(),
+            **({"rivals": [_rival(rival) for rival in self.rivals]} if self.rivals else {}),
             "next_experiment": _next_experiment(self.next_experiment),
             **({"hints": [_hint(hint) for hint in self.hints]} if self.hints else {}),
             "recordings": list(self.recordings),
@@ -331,7 +349,7 @@ class Diagnosis:
 
     def to_json(self) -> str:
         """diagnosis.json; numbers carry six significant digits."""
-        return json.dumps(_rounded(self.to_dict()), indent=2, ensure_ascii=False) + "\n"
+        return json_text(self.to_dict())
 
 
 def _next_experiment(wanted: NextExperiment | None) -> dict[str, Any] | None:
@@ -361,6 +379,17 @@ def _wiring(error: WiringError) -> dict[str, Any]:
         "unit": error.unit,
         "recordings": list(error.recordings),
         **({"or_else": list(error.or_else)} if error.or_else else {}),
+    }
+
+
+def _rival(rival: Rival) -> dict[str, Any]:
+    return {
+        "effect": rival.effect,
+        "in_place_of": rival.in_place_of,
+        "effects": [
+            {key: of[key] for key in ("effect", "joints", "bodies", "parameters") if key in of}
+            for of in map(_effect, rival.effects)
+        ],
     }
 
 
@@ -420,6 +449,11 @@ def _hint(hint: Hint) -> dict[str, Any]:
         "held_out": True,
         "file": hint.file,
     }
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """A file of JSON; numbers carry six significant digits, and what is not finite is null."""
+    return json.dumps(_rounded(content), indent=2, ensure_ascii=False) + "\n"
 
 
 def _rounded(value: Any) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.report.diagnosis import Considered, NamedEffect
+from walkerkit.gap.report.diagnosis import Considered, NamedEffect, Rival
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.replayed import Replayed, gaps_of, gaps_with
 from walkerkit.gap.search.certainty import covariance
@@ -16,6 +16,7 @@ from walkerkit.gap.search.naming import Explanation, in_its_place
 from walkerkit.gap.search.needed import only_needed
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
+from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
 
 
@@ -80,6 +81,37 @@ def confusion_set(problem: Problem, explanation: Explanation, most: int) -> list
         if others:
             return [_last(explanation.fit, one.term.effect.name), *others]
     return []
+
+
+def rivals(problem: Problem, members: Sequence[Fit]) -> tuple[Rival, ...]:
+    """What the robot may have instead: the members of a confusion set but the first."""
+    found = []
+    for fit in members[1:]:
+        trials = [fit.structure.trials(robot, fit.values[None]) for robot in problem.robots]
+        try:
+            mended = [mend(one) for one in trials]
+        except RuntimeError:  # the model's own settings undo this one
+            continue
+        n = len(fit.values)
+        found.append(
+            Rival(
+                effect=fit.structure.terms[-1].effect.name,
+                in_place_of=members[0].structure.terms[-1].effect.name,
+                effects=tuple(
+                    NamedEffect(
+                        effect=term.effect.name,
+                        joints=() if term.effect.kind == "body" else _shown_joints(term),
+                        bodies=term.sites if term.effect.kind == "body" else (),
+                        confidence=np.nan,
+                        parameters=estimates(fit, term, np.zeros((n, n)), np.zeros(n), mended),
+                        gap_after=np.nan,
+                        indistinguishable_from=(),
+                    )
+                    for term in fit.structure.terms
+                ),
+            )
+        )
+    return tuple(found)
 
 
 def _by_itself(problem: Problem, member: Member) -> Fit:

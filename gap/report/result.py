@@ -21,7 +21,7 @@ from walkerkit.gap.report.experiments import next_experiments
 from walkerkit.gap.report.gaps import Gap, Location
 from walkerkit.gap.report.locate import standing_out
 from walkerkit.gap.report.misfits import misfits
-from walkerkit.gap.report.named import confusion_set, considered, named_effects
+from walkerkit.gap.report.named import confusion_set, considered, named_effects, rivals
 from walkerkit.gap.report.notes import notes
 from walkerkit.gap.report.output import save, title
 from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
@@ -242,7 +242,8 @@ def summarise(
     of = {one.signal: one for one in maps}
     map_told = of.get(telling(gap)[0], of.get("position"))
     everything = problem.recordings
-    following = next_experiment(problem, confusion_set(problem, explanation, _MOST_RIVALS))
+    members = confusion_set(problem, explanation, _MOST_RIVALS)
+    following = next_experiment(problem, members)
     diagnosis = Diagnosis(
         verdict=verdict,
         gap=gap,
@@ -275,6 +276,7 @@ def summarise(
         searched=searched,
         only=only,
         held_out=tuple(dict.fromkeys(r.name for group in half.recordings for r in group)),
+        rivals=rivals(problem, members),
     )
     return Result(
         diagnosis=diagnosis,

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import mujoco
 
-from walkerkit.gap.errors import InputError, closest, one_line
+from walkerkit.gap.errors import InputError, one_line
 from walkerkit.gap.recordings.given import is_callable, model_name
 from walkerkit.gap.simulation.base import find_base
 from walkerkit.gap.simulation.ground import Ground, add_floor
@@ -19,8 +15,10 @@ from walkerkit.gap.simulation.made import spec_of
 from walkerkit.gap.simulation.model_files import check_model_files
 from walkerkit.gap.simulation.programs import with_programs
 from walkerkit.gap.simulation.robot import Robot, scalar_joints
+from walkerkit.gap.simulation.users_code import blamed_on, function_named
 
 _MEND = "Mend the MJCF until MuJoCo loads it."
+_REMEDY = "Mend it until it returns the walker without arguments."
 
 
 def load_robot(source: str | Path, *, floating: bool = False, allow_outside: bool = False) -> Robot:
@@ -47,7 +45,7 @@ def load_robot(source: str | Path, *, floating: bool = False, allow_outside: boo
         drivetrain = getattr(made, "drivetrain", None)
         if drivetrain is None:
             return robot
-        with _of_the_user(name):
+        with blamed_on(name, _REMEDY):
             return with_programs(robot, drivetrain)
     return robot_from_spec(_spec_from_file(Path(name), allow_outside), name)
 
@@ -93,41 +91,11 @@ def _spec_from_file(path: Path, allow_outside: bool) -> mujoco.MjSpec:
 
 def _made_by(source: str) -> Any:
     """What a user's function returns."""
-    module_name, _, function_name = source.rpartition(":")
-    folder = str(Path.cwd())
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
-    try:
-        module = importlib.import_module(module_name)
-    except Exception as error:  # a module can fail to import in any way
-        raise InputError(
-            f"{source}: cannot import {module_name!r}: {one_line(error)}. "
-            "Install it or run from its folder."
-        ) from error
-    make = getattr(module, function_name, None)
-    if not callable(make):
-        raise InputError(
-            f"{source}: {module_name!r} has no function {function_name!r}"
-            f"{closest(function_name, vars(module))}. Name one that returns the walker."
-        )
-    with _of_the_user(source):
+    make = function_named(source, "the walker")
+    with blamed_on(source, _REMEDY):
         return make()
 
 
 def _spec_of(made: Any, source: str, floating: bool) -> mujoco.MjSpec:
-    with _of_the_user(source):
+    with blamed_on(source, _REMEDY):
         return spec_of(made, source, floating=floating)
-
-
-@contextmanager
-def _of_the_user(source: str) -> Iterator[None]:
-    """Says of whatever is raised that the user's function raised it."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:  # it is the user's function
-        raise InputError(
-            f"{source}: it raised {type(error).__name__}: {one_line(error)}. "
-            "Mend it until it returns the walker without arguments."
-        ) from error

@@ -352,3 +352,6 @@ _WRITERS: Mapping[str, Writer] = {
         for name in ("gainprm", "biasprm", "biastype", "forcerange", "forcelimited")
     },
 }
+
+FIELDS: tuple[str, ...] = tuple(_WRITERS)
+"""The fields of a model, and of its options, that can be mended."""

@@ -17,7 +17,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import mujoco
 from numpy.typing import ArrayLike
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from walkerkit.walkers.actions import ActionTerm
     from walkerkit.walkers.drivetrain import Randomization
     from walkerkit.walkers.saved import SavedActuators
+
+WalkerT = TypeVar("WalkerT", bound="MjcfWalker")
 
 
 @dataclass(frozen=True)
@@ -84,21 +86,30 @@ class Mended:
         """
         # dm_control looks for a display as soon as it is imported, which only walkers need.
         from walkerkit.walkers import MjcfWalker
+
+        return self.made(
+            MjcfWalker,
+            name=name,
+            action=action,
+            home=home,
+            floating=floating,
+            randomizations=randomizations,
+        )
+
+    def made(self, kind: type[WalkerT], **options: Any) -> WalkerT:
+        """The same as a walker of a class of one's own.
+
+        Args:
+            kind: the class.
+            **options: of `MjcfWalker.from_file`.
+        """
         from walkerkit.walkers.saved import saved_actuators
 
         with tempfile.TemporaryDirectory() as folder:
             path = self._written(Path(folder))
             saved = saved_actuators(path, in_python=self._in_python)
-            return MjcfWalker.from_file(
-                path,
-                saved.actuators,
-                laws=saved.laws,
-                name=name,
-                action=action,
-                home=home,
-                floating=floating,
-                randomizations=randomizations,
-            )
+            made = kind.from_file(path, saved.actuators, laws=saved.laws, **options)
+        return cast("WalkerT", made)
 
     @property
     def _in_python(self) -> list[ActuatorCfg]:

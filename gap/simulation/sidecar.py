@@ -37,8 +37,14 @@ def sidecar(robots: Mapping[str, Robot], named: list[dict[str, Any]]) -> dict[st
     }
 
 
-def with_sidecar(robot: Robot, model_path: Path) -> Robot:
+def with_sidecar(robot: Robot, model_path: Path, *, given: Robot | None = None) -> Robot:
     """The robot with what the file beside its model says; unchanged where there is none.
+
+    Args:
+        robot: the robot, as its file has it.
+        model_path: that file.
+        given: the robot whose laws in Python the file's are; with it, that robot is returned with
+            what the file says beside them.
 
     Raises:
         InputError: the file is not one of ours, or names a joint that the model lacks.
@@ -50,7 +56,9 @@ def with_sidecar(robot: Robot, model_path: Path) -> Robot:
         entry = json.loads(path.read_text(encoding="utf-8"))["models"].get(model_path.name)
         if entry is None:
             return robot
-        if entry.get("in_python"):
+        if entry.get("in_python") and given is not None and given.programs:
+            robot = given
+        elif entry.get("in_python"):
             joints = entry["in_python"]
             raise InputError(
                 f"{path}: the law of {', '.join(map(repr, joints))} runs in Python "

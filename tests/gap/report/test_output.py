@@ -131,6 +131,14 @@ BODY_EFFECT = EFFECT | {
     ],
 }
 REASONED_BODY = BODY_EFFECT | {"reasons": {str: str}}
+FITTED = ("effect", "joints", "bodies", "parameters")
+RIVAL = {
+    "effect": str,
+    "in_place_of": str,
+    "effects": [
+        tuple({key: form[key] for key in FITTED if key in form} for form in (EFFECT, BODY_EFFECT))
+    ],
+}
 EXPERIMENT = {"excitation": str, "between": [str], "separation": NUMBER, "file": (str, None)}
 SET_UP = EXPERIMENT | {"set_up": str, "instruction": str, "model": (str, None)}
 SIZE = {"before": NUMBER, "after": NUMBER, "noise_floor": NUMBER}
@@ -181,7 +189,8 @@ def fits(value: Any, form: Any) -> bool:
 def check_diagnosis(content: dict[str, Any]) -> None:
     for key, form in DIAGNOSIS.items():
         assert fits(content[key], form), (key, content[key])
-    assert set(content) - {"only", "hints", "correlation"} == set(DIAGNOSIS)
+    assert set(content) - {"only", "hints", "correlation", "rivals"} == set(DIAGNOSIS)
+    assert fits(content.get("rivals", []), [RIVAL])
     assert fits(content.get("only", []), [str])
     assert content["schema"] == 2
     assert content["verdict"] in ("explained", "partly_explained", "no_gap", "unexplained")
@@ -251,6 +260,10 @@ def test_diagnosis_json_has_the_documented_form(delayed: Path) -> None:
     (other,) = named["indistinguishable_from"]
     assert named["reasons"].keys() == {other}
     assert "late" in named["reasons"][other]
+    (rival,) = content["rivals"]
+    assert (rival["effect"], rival["in_place_of"]) == (other, named["effect"])
+    (instead,) = [one for one in rival["effects"] if one["effect"] == other]
+    assert instead["parameters"][0]["value"] == pytest.approx(0.01, abs=0.002)
     following = content["next_experiment"]
     assert following["file"] == "next_experiment.csv"
     assert following["set_up"] == "effort_logged"  # positions alone never tell
