@@ -33,11 +33,12 @@ STILL: Final = 1.0
 """Time at rest at both ends of a motion [s]."""
 
 _SLOWEST, _LEAST_TOP, _MOST_TOP = 0.2, 0.6, 3.0  # Hz
+_FULL = 0.5  # Hz, up to which a motion has its full size; its speed is the same from there on
 _SHIFT = 0.5  # of the way from the centre of mass to the edge
 _ROUND = 0.15  # s
 _TWIST, _TILT = 0.25, 0.08  # rad
 _SQUAT = 0.2  # of the base's height
-_LIFT, _DEEP, _LEAST_DEPTH = 0.2, 0.5, 0.012  # of that height; of the polygon's depth; m
+_LIFT, _DEEP, _LEAST_DEPTH = 0.2, 0.75, 0.012  # of that height; of the polygon's depth; m
 _LEAN_TIME, _LIFT_TIME = 0.9, 0.35  # s
 _HOP, _CROUCH = 0.15, 0.22  # of that height, which a hop is to reach, and its way up
 _HOPS, _CROUCH_TIME, _FOLLOWS = 3, 0.8, 0.01  # s, s
@@ -246,12 +247,18 @@ def _moved(
     path = _still(stand, time)
     moves = (time >= STILL) & (time <= time[-1] - STILL)
     rng = np.random.default_rng(seed)
-    limits = {"lower": -room, "upper": room, "rng": rng}
     if signal == "chirp":
-        ends = {"start_frequency": _SLOWEST, "end_frequency": top_frequency(stand)}
-        drawn = chirp(time[moves], **limits, **ends)
+        drawn = chirp(
+            time[moves],
+            lower=-room,
+            upper=room,
+            rng=rng,
+            max_velocity=2 * np.pi * _FULL * room,
+            start_frequency=_SLOWEST,
+            end_frequency=top_frequency(stand),
+        )
     else:
-        drawn = BATTERY[signal](time[moves], **limits)
+        drawn = BATTERY[signal](time[moves], lower=-room, upper=room, rng=rng)
         # Without corners, which would take all that the drives can make.
         rows = max(1, round(_ROUND / float(time[1] - time[0])))
         for _ in range(2):
@@ -291,8 +298,9 @@ def _lean(stand: Stand, sole: int) -> FloatArray:
         )
     way = area.centre - stand.centre
     steps = np.linspace(0.0, 1.0, 101)
-    inside = area.margin(stand.centre + steps[:, None] * way) >= _DEEP * area.depth
-    goal = stand.centre + float(steps[np.argmax(inside)]) * way
+    margins = area.margin(stand.centre + steps[:, None] * way)
+    best = int(np.argmax(margins >= min(_DEEP * area.depth, float(margins.max()))))
+    goal = stand.centre + float(steps[best]) * way
     reach, lean = Reach(stand), np.zeros(2)
     for _ in range(4):  # legs and arms do not move as far as the base
         shift = np.zeros((1, 3))

@@ -58,23 +58,26 @@ class Area:
         points: (n, 2) in the world's frame [m].
 
     Attributes:
-        centre: (2,) the point of it that is farthest from its edges [m].
-        depth: how far that is; 0 where it has no inside, as between two points [m].
+        centre: (2,) the middle of its corners [m].
+        depth: how far a point of it is from its edges at most; 0 where it has no inside, as
+            between two points [m].
     """
 
     def __init__(self, points: FloatArray):
         self.centre: FloatArray = points.mean(axis=0)
         self.depth = 0.0
-        self._edges = np.zeros((0, 3))
+        self._edges: FloatArray = np.zeros((0, 3))
         try:
-            self._edges = ConvexHull(points).equations
+            hull = ConvexHull(points)
         except (QhullError, ValueError):
             return
+        self._edges = np.array(hull.equations, dtype=np.float64)
+        self.centre = points[hull.vertices].mean(axis=0)
         # The largest circle in it: n·x + r ≤ −d for every edge.
         room = np.column_stack([self._edges[:, :2], np.ones(len(self._edges))])
         bounds = [(None, None), (None, None), (0, None)]
         found = linprog([0, 0, -1], A_ub=room, b_ub=-self._edges[:, 2], bounds=bounds)
-        self.centre, self.depth = found.x[:2], float(found.x[2])
+        self.depth = float(found.x[2])
 
     def margin(self, points: FloatArray) -> FloatArray:
         """(T,) distance of (T, 2) points from its nearest edge, negative outside [m]."""
@@ -151,7 +154,7 @@ def put_down(robot: Robot, base: Base) -> FloatArray:
         InputError: the robot is nowhere near the ground there.
     """
     model, data, ground = robot.model, rest(robot.model), Ground(robot.model)
-    home = data.qpos.copy()
+    home: FloatArray = data.qpos.copy()
 
     def touches(lowered: float) -> bool:
         data.qpos[:] = home
@@ -165,9 +168,8 @@ def put_down(robot: Robot, base: Base) -> FloatArray:
     )
     if gap is None:
         raise refusal(
-            f"{robot.source}: nothing of the robot touches the ground in its {where}, however far "
-            "its base is lowered. Let the geoms of its feet and of its ground collide (contype, "
-            "conaffinity)."
+            f"{robot.source}: nothing of the robot touches the ground in its {where}, even with "
+            f"its base {_FAR:g} m lower. Let feet and ground collide (contype, conaffinity)."
         )
     height = float(home[base.qpos + 2])
     if abs(gap) > _NEAR:

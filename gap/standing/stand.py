@@ -122,6 +122,11 @@ def find_stand(robot: Robot, *, n_threads: int = 0) -> Stand:
     _check_stands(robot, base, down, doubted, ran)
     qpos = ran.qpos[0, -1].copy()
     soles = soles_at(robot, qpos)
+    if not soles:
+        raise refusal(
+            f"{robot.source}: the robot is off the ground {_SETTLES:g} s after it was put down on "
+            "it. Make its contacts softer, or its timestep shorter, until it stands still."
+        )
     return Stand(
         robot=robot,
         base=base,
