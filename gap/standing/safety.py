@@ -1,6 +1,6 @@
 """Whether variants of a robot come through a motion: upright, on their feet, within their limits.
 
-    fault_of(stand, path, time, ran)    # "FL_foot slips 14 mm, 10 mm are allowed (gains −20%, …)"
+    fault_of(stand, path, time, ran, which)    # (3, "FL_foot slips 14 mm, 5 mm are allowed (…)")
 
 Judged by simulation alone, for each variant of `Stand.variants`, from the end of the first still
 second on. `BOUNDS` has what is asked for.
@@ -8,7 +8,7 @@ second on. `BOUNDS` has what is asked for.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from types import MappingProxyType
 from typing import Final
 
@@ -47,24 +47,36 @@ _LOADED = 0.5  # of its share; a foot that carries less may slip as it is lifted
 _SLIPS = 0.5  # s, since contacts of MuJoCo creep, by a millimetre a second, without slipping
 
 
-def fault_of(stand: Stand, path: Path, time: FloatArray, ran: Simulated) -> str:
-    """The first fault of a motion that was simulated, in words; empty where there is none.
+def fault_of(
+    stand: Stand,
+    path: Path,
+    time: FloatArray,
+    ran: Simulated,
+    which: Sequence[int],
+) -> tuple[int, str] | None:
+    """The first fault of a motion that was simulated, None where there is none.
 
     Args:
         stand: the robot as it stands.
         path: what it was to do.
         time: (T,) of that [s].
-        ran: what its variants did.
+        ran: what some of its variants did.
+        which: their numbers.
+
+    Returns:
+        The number of the variant, and what it does, in words.
     """
-    for k, name in enumerate(stand.variants.names):
-        words = next(_faults(stand, path, time, ran, k), None)
+    for row, k in enumerate(which):
+        words = next(_faults(stand, path, time, ran, row, first=k == 0), None)
         if words is not None:
-            return f"{words} ({name})"
-    return ""
+            return k, f"{words} ({stand.variants.names[k]})"
+    return None
 
 
-def _faults(stand: Stand, path: Path, time: FloatArray, ran: Simulated, k: int) -> Iterator[str]:
-    """What variant k does that it must not, in words; the gravest first."""
+def _faults(
+    stand: Stand, path: Path, time: FloatArray, ran: Simulated, k: int, *, first: bool
+) -> Iterator[str]:
+    """What row k does that it must not, in words; whether it is the model itself; gravest first."""
     if not np.isfinite(ran.qpos[k]).all():
         yield "the simulation diverges"
         return
@@ -79,7 +91,7 @@ def _faults(stand: Stand, path: Path, time: FloatArray, ran: Simulated, k: int) 
     feet, met = _looked_at(stand, ran.qpos[k, rows])
     if met:
         yield f"{met} meet" if " and " in met else f"{met} touches the ground"
-    yield from _feet(stand, wanted, rows, feet, k)
+    yield from _feet(stand, wanted, rows, feet, first=first)
     if not path.flies:
         yield from _pressure(stand, wanted.lifted[rows], feet, ran.pressure(stand.level)[k, rows])
 
@@ -158,7 +170,7 @@ def _pairs(model: mujoco.MjModel, data: mujoco.MjData, ground: Ground) -> set[tu
 
 
 def _feet(
-    stand: Stand, wanted: Path, rows: NDArray[np.intp], feet: list[FloatArray], k: int
+    stand: Stand, wanted: Path, rows: NDArray[np.intp], feet: list[FloatArray], *, first: bool
 ) -> Iterator[str]:
     """Feet that slip, and, of the model itself, feet that stay where they should not."""
     lifted, carries = wanted.lifted[rows], wanted.carries[rows] >= _LOADED
@@ -178,10 +190,10 @@ def _feet(
                 "allowed"
             )
     least = BOUNDS["lifted"]
-    if k == 0 and wanted.flies and heights.min(axis=1).max() < least:
+    if first and wanted.flies and heights.min(axis=1).max() < least:
         yield f"its feet are less than {1e3 * least:.0f} mm off the ground at once"
     for f in np.flatnonzero(lifted.max(axis=0) > 0):
-        if k == 0 and heights[:, f].max() < least:
+        if first and heights[:, f].max() < least:
             yield f"{stand.soles[f].name} does not leave the ground by {1e3 * least:.0f} mm"
 
 
@@ -215,12 +227,3 @@ def effort_limit(robot: Robot, joint: Joint) -> float:
     if model.jnt_actfrclimited[joint.id]:
         limits.append(float(np.abs(model.jnt_actfrcrange[joint.id]).max()))
     return float(min(limits))
-
-
-def without_limit(stand: Stand) -> Mapping[str, Joint]:
-    """The joints whose drives have no limit in the model, by name."""
-    return {
-        joint.name: joint
-        for joint in stand.joints
-        if not np.isfinite(effort_limit(stand.robot, joint))
-    }

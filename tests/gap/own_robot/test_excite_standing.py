@@ -18,8 +18,8 @@ from walkerkit.gap.simulation.load_robot import load_robot
 SECONDS, RATE = 6.0, 250.0
 
 
-def battery(path: Path | str, **options: float) -> Battery:
-    robot = load_robot(path, floating=True)
+def battery(path: Path, **options: float) -> Battery:
+    robot = load_robot(path)
     return standing_targets_for(
         robot, seconds=SECONDS, rate=RATE, n_threads=1, **{"speed": 15.0, **options}
     )
@@ -53,7 +53,7 @@ def four_legs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Battery]:
 @pytest.fixture(scope="module")
 def two_legs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Battery]:
     path = write_two_legs(tmp_path_factory.mktemp("two"))
-    return path, battery(path)
+    return path, battery(path, share=0.5)
 
 
 def test_four_legs_do_all_of_it(four_legs: tuple[Path, Battery]) -> None:
@@ -104,7 +104,7 @@ def test_the_page_has_what_to_do_and_what_to_log(four_legs: tuple[Path, Battery]
 
 
 def test_what_drives_cannot_do_is_left_out_and_said(tmp_path: Path) -> None:
-    made = battery(write_four_legs(tmp_path, limit=8.0))
+    made = battery(write_four_legs(tmp_path, limit=8.0), share=0.3)
     left = [note for note in made.notes if "is left out" in note]
     assert any(note.startswith("hop ") and "N·m of its 8" in note for note in left)
     assert not any(name.endswith("_hop.csv") for name in made.files)
