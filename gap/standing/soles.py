@@ -163,9 +163,9 @@ def put_down(robot: Robot, base: Base) -> FloatArray:
         return bool(touching(model, data, ground))
 
     gap = _first(touches)
-    where = (
-        f"keyframe {model.key(0).name!r}" if model.nkey else "reference pose (it has no keyframe)"
-    )
+    where = "first keyframe" if model.nkey else "reference pose (it has no keyframe)"
+    if model.nkey and model.key(0).name:
+        where = f"keyframe {model.key(0).name!r}"
     if gap is None:
         raise refusal(
             f"{robot.source}: nothing of the robot touches the ground in its {where}, even with "
