@@ -12,6 +12,8 @@ of the ground, payload, gains and delay come through without a fall, a slip or a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -82,14 +84,7 @@ def standing_targets_for(
             f"{reasons}. Hang it up instead (walkerkit hang, walkerkit excite), or give the gains "
             "and the effort limits that it really has."
         )
-    first = chosen[0]
-    _, small = drawn(stand, first.motion, first.time, _SMALL * first.size, np.inf, seed)
-    files = {f"1_small_{first.motion.name}.csv": {"time": first.time} | _columns(small)}
-    purposes = {next(iter(files)): f"{_SMALL:.0%} of the next: look at its log before all others"}
-    for number, one in enumerate(chosen, start=2):
-        name = f"{number}_{one.motion.name}.csv"
-        files[name] = {"time": one.time} | _columns(one.targets)
-        purposes[name] = one.motion.purpose
+    files, purposes = _files(stand, chosen, seed)
     notes = tuple(note for one in every if (note := _note(one, share))) + _of_limits(stand)
     lengths = [float(one.time[-1]) for one in chosen]
     text = readme(
@@ -102,6 +97,22 @@ def standing_targets_for(
         notes=notes,
     )
     return Battery(files=files, readme=text, notes=notes)
+
+
+def _files(
+    stand: Stand, chosen: Sequence[Chosen], seed: int
+) -> tuple[dict[str, dict[str, FloatArray]], dict[str, str]]:
+    """Name to columns, and name to what a file tells, in the order in which they are sent."""
+    first = chosen[0]
+    _, small = drawn(stand, first.motion, first.time, _SMALL * first.size, np.inf, seed)
+    name = f"1_small_{first.motion.name}.csv"
+    files = {name: {"time": first.time} | _columns(small)}
+    purposes = {name: f"{_SMALL:.0%} of the next: look at its log before all others"}
+    for number, one in enumerate(chosen, start=2):
+        name = f"{number}_{one.motion.name}.csv"
+        files[name] = {"time": one.time} | _columns(one.targets)
+        purposes[name] = one.motion.purpose
+    return files, purposes
 
 
 def _columns(targets: dict[str, FloatArray]) -> dict[str, FloatArray]:

@@ -192,9 +192,9 @@ def _feet(
     least = BOUNDS["lifted"]
     if first and wanted.flies and heights.min(axis=1).max() < least:
         yield f"its feet are less than {1e3 * least:.0f} mm off the ground at once"
-    for f in np.flatnonzero(lifted.max(axis=0) > 0):
-        if first and heights[:, f].max() < least:
-            yield f"{stand.soles[f].name} does not leave the ground by {1e3 * least:.0f} mm"
+    for sole, up, height in zip(stand.soles, lifted.T, heights.T, strict=True):
+        if first and up.max() > 0 and height.max() < least:
+            yield f"{sole.name} does not leave the ground by {1e3 * least:.0f} mm"
 
 
 def _pressure(

@@ -77,7 +77,7 @@ class Area:
         room = np.column_stack([self._edges[:, :2], np.ones(len(self._edges))])
         bounds = [(None, None), (None, None), (0, None)]
         found = linprog([0, 0, -1], A_ub=room, b_ub=-self._edges[:, 2], bounds=bounds)
-        self.depth = float(found.x[2])
+        self.depth = float(np.array(found.x)[2])
 
     def margin(self, points: FloatArray) -> FloatArray:
         """(T,) distance of (T, 2) points from its nearest edge, negative outside [m]."""

@@ -81,7 +81,7 @@ def variants(robot: Robot, base: Base, joints: Sequence[Joint]) -> Variants:
         slides.apply(trials, site, friction[:, None] * least)
     for name, size in (("position_gain", "stiffness"), ("velocity_gain", "damping")):
         for joint in joints:
-            if CATALOGUE[name].acts_on(robot, joint.name):
+            if CATALOGUE[name].sites(robot, (joint.name,)):
                 change = gains[:, None] * gain(robot, joint, size)
                 CATALOGUE[name].apply(trials, joint.name, change)
     for joint in joints:
