@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.bar import Progress
-from walkerkit.gap.errors import refusal
+from walkerkit.gap.errors import InputError, refusal
 from walkerkit.gap.own_robot.excite import Battery, check_numbers, fastest
 from walkerkit.gap.own_robot.excite_readme import Limits, readme, standing_manner
 from walkerkit.gap.simulation.robot import Robot
@@ -78,12 +78,7 @@ def standing_targets_for(
     )
     chosen = [one for one in every if one.size]
     if not chosen:
-        reasons = "; ".join(f"{one.motion.name}: {one.fault}" for one in every)
-        raise refusal(
-            f"{robot.source}: there is nothing that this robot can safely be sent on its feet. "
-            f"{reasons}. Hang it up instead (walkerkit hang, walkerkit excite), or give the gains "
-            "and the effort limits that it really has."
-        )
+        raise _nothing(robot, every)
     files, purposes = _files(stand, chosen, seed)
     notes = tuple(note for one in every if (note := _note(one, share))) + _of_limits(stand)
     lengths = [float(one.time[-1]) for one in chosen]
@@ -97,6 +92,16 @@ def standing_targets_for(
         notes=notes,
     )
     return Battery(files=files, readme=text, notes=notes)
+
+
+def _nothing(robot: Robot, every: Sequence[Chosen]) -> InputError:
+    """The error of a robot that comes through none of the motions."""
+    reasons = "; ".join(f"{one.motion.name}: {one.fault}" for one in every)
+    return refusal(
+        f"{robot.source}: there is nothing that this robot can safely be sent on its feet. "
+        f"{reasons}. Hang it up instead (walkerkit hang, walkerkit excite), or give the gains and "
+        "the effort limits that it really has."
+    )
 
 
 def _files(
