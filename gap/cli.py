@@ -10,7 +10,6 @@ import io
 import os
 import signal
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
 
 import typer
 
+from walkerkit.gap.bar import bar_on_stderr, progress_bar, say, stages
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.ingest.commands import app as ingest_commands
 from walkerkit.gap.own_robot.commands import app as own_robot_commands
@@ -25,7 +25,7 @@ from walkerkit.gap.policy.commands import app as policy_commands
 from walkerkit.gap.report.commands import app as report_commands
 
 if TYPE_CHECKING:
-    from walkerkit.gap.search.effort import Effort, Progress
+    from walkerkit.gap.search.effort import Effort
 
 # dm_control looks for a display when it is imported, unless it is told that none is wanted.
 os.environ.setdefault("MUJOCO_GL", "disable")
@@ -165,7 +165,7 @@ def demo(
     from walkerkit.gap.report.output import REPORT, check_folder
 
     check_folder(out)
-    with _progress() as progress:
+    with progress_bar() as progress:
         result, rehearsal = run(
             seed=seed,
             hide=hide,
@@ -197,7 +197,7 @@ def compare(
     """Measure the gap between a model and recordings, and say where it is."""
     from walkerkit.gap import workflow
 
-    with _progress() as progress:
+    with progress_bar() as progress:
         progress("comparing", 0.0)
         diagnosis = workflow.compare(
             model,
@@ -247,7 +247,7 @@ def diagnose(
     for path in traces or ():
         check_traces(path)
     spending = Effort(effort)  # type: ignore[arg-type]
-    with _bar() as bar, _stopped_by_hand(spending, bar):
+    with bar_on_stderr() as bar, _stopped_by_hand(spending, bar):
         result = workflow.diagnose(
             model,
             recordings or (),
@@ -262,8 +262,8 @@ def diagnose(
             n_threads=threads,
             allow_code=allow_code,
             allow_outside=allow_outside,
-            progress=_stages(bar, lines=True),
-            first=lambda answer: _say(bar, answer.sentence),
+            progress=stages(bar, lines=True),
+            first=lambda answer: say(bar, answer.sentence),
             out=out,
             overwrite=overwrite,
         )
@@ -313,8 +313,8 @@ def diagnose_fleet(
 
     console = _console(sys.stdout)
     # Ray says on standard output what happens to its workers.
-    with redirect_stdout(sys.stderr), _bar() as bar:
-        progress = _stages(bar)
+    with redirect_stdout(sys.stderr), bar_on_stderr() as bar:
+        progress = stages(bar)
         progress("diagnosing", 0.0)
         lines = bar.console if bar.console.is_terminal else console  # above the bar
 
@@ -576,57 +576,19 @@ def _console(file: TextIO | None = None) -> Any:
 
 
 @contextmanager
-def _bar() -> Iterator[Any]:
-    """A progress bar on standard error, where that is a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bar
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        yield bar
-
-
-def _stages(bar: Any, *, lines: bool = False) -> Progress:
-    """Has a bar show what is being done and how far it is; where there is none, maybe lines."""
-    task, start, told = bar.add_task("starting", total=1.0), time.monotonic(), set[str]()
-
-    def show(stage: str, done: float) -> None:
-        bar.update(task, description=stage, completed=done)
-        if lines and bar.disable and stage not in told:
-            told.add(stage)
-            _say(bar, f"{time.monotonic() - start:.0f} s: {stage}")
-
-    return show
-
-
-def _say(bar: Any, line: str) -> None:
-    """A line above the bar, on standard error."""
-    bar.console.print(line, markup=False, highlight=False, soft_wrap=not bar.console.is_terminal)
-
-
-@contextmanager
 def _stopped_by_hand(effort: Effort, bar: Any) -> Iterator[None]:
     """Has a first Ctrl-C end a search with what it has found, and a second one end the program."""
 
     def stop(*_: object) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         effort.stop()
-        _say(bar, "Stopping with what was found so far. Ctrl-C again ends without it.")
+        say(bar, "Stopping with what was found so far. Ctrl-C again ends without it.")
 
     before = signal.signal(signal.SIGINT, stop)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """The bar for one piece of work."""
-    with _bar() as bar:
-        yield _stages(bar)
 
 
 def _explain(result: Any) -> None:

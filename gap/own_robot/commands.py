@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from walkerkit.gap.own_robot.excite import Battery
 
 app = typer.Typer()
 
@@ -96,29 +99,35 @@ def excite(
     seconds: Annotated[float, typer.Option(help="Length of each file.")] = 12.0,
     rate: Annotated[float, typer.Option(help="Samples a second.")] = 500.0,
     share: Annotated[float, typer.Option(help="Of a third of each joint's range, up to 1.")] = 1.0,
-    speed: Annotated[float, typer.Option(help="Of the fastest target, rad/s or m/s.")] = 4.0,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="Of the fastest target, rad/s or m/s; 4, and 10 with --standing."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of phases and levels.")] = 0,
+    standing: Annotated[
+        bool,
+        typer.Option("--standing", help="For a robot on its feet: motions tried in simulation."),
+    ] = False,
+    threads: Annotated[
+        int, typer.Option(min=0, help="Threads of the simulation, 0 for all cores.")
+    ] = 0,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace what another run has left in the folder.")
     ] = False,
     allow_outside: AllowOutside = False,
 ) -> None:
     """Write targets that make missing effects show, and how to send them safely."""
-    from walkerkit.gap.own_robot.excite import targets_for
     from walkerkit.gap.recordings.files import write as write_columns
     from walkerkit.gap.report.output import check_folder, write_folder
-    from walkerkit.gap.simulation.load_robot import load_robot
 
     check_folder(out)
-    battery = targets_for(
-        load_robot(model, allow_outside=allow_outside),
-        joints=joint or (),
-        seconds=seconds,
-        rate=rate,
-        share=share,
-        speed=speed,
-        seed=seed,
-    )
+    numbers = {"seconds": seconds, "rate": rate, "share": share}
+    if speed is not None:
+        numbers["speed"] = speed
+    if standing:
+        battery = _standing(model, joint, allow_outside, threads, seed, numbers)
+    else:
+        battery = _hung(model, joint, allow_outside, seed, numbers)
 
     def write(made: Path) -> None:
         for name, columns in battery.files.items():
@@ -129,6 +138,45 @@ def excite(
     for name in battery.files:
         typer.echo(str(out / name))
     _tell([*battery.notes, f"read {out / 'README.md'} before you send them"], ())
+
+
+def _hung(
+    model: str,
+    joints: list[str] | None,
+    allow_outside: bool,
+    seed: int,
+    numbers: Mapping[str, float],
+) -> Battery:
+    from walkerkit.gap.own_robot.excite import targets_for
+    from walkerkit.gap.simulation.load_robot import load_robot
+
+    robot = load_robot(model, allow_outside=allow_outside)
+    return targets_for(robot, joints=joints or (), seed=seed, **numbers)
+
+
+def _standing(
+    model: str,
+    joints: list[str] | None,
+    allow_outside: bool,
+    threads: int,
+    seed: int,
+    numbers: Mapping[str, float],
+) -> Battery:
+    from walkerkit.gap.bar import progress_bar
+    from walkerkit.gap.errors import refusal
+    from walkerkit.gap.own_robot.excite_standing import standing_targets_for
+    from walkerkit.gap.simulation.load_robot import load_robot
+
+    if joints:
+        raise refusal(
+            f"--joint {joints[0]!r}: a robot on its feet moves all of its joints. Leave out "
+            "--joint or --standing."
+        )
+    robot = load_robot(model, floating=True, allow_outside=allow_outside)
+    with progress_bar(lines=True) as progress:
+        return standing_targets_for(
+            robot, seed=seed, n_threads=threads, progress=progress, **numbers
+        )
 
 
 def _check_free(path: Path, overwrite: bool) -> None:

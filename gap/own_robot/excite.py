@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.errors import closest, refusal
-from walkerkit.gap.own_robot.excite_readme import Limits, readme
+from walkerkit.gap.own_robot.excite_readme import HUNG, Limits, readme
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.tasks.excitation import BATTERY
 from walkerkit.tasks.room import room_about
@@ -83,14 +83,7 @@ def targets_for(
     Raises:
         InputError: a number makes no sense, or there is no such joint.
     """
-    for name, value, most in (
-        ("seconds", seconds, _LONGEST),
-        ("rate", rate, 1e4),
-        ("share", share, 1.0),
-        ("speed", speed, 1e3),
-    ):
-        if not 0 < value <= most:
-            raise refusal(f"{name} is {value:g}. Give a number above 0 and up to {most:g}.")
+    check_numbers(seconds=seconds, rate=rate, share=share, speed=speed)
     chosen = _chosen(robot, joints)
     lower, upper = _room(robot, chosen)
     notes: list[str] = []
@@ -124,7 +117,7 @@ def targets_for(
             start=float(0.5 * (low[k] + high[k])),
             lower=float(low[k]),
             upper=float(high[k]),
-            speed=max(_speed(time, one[:, k]) for one in drawn.values()),
+            speed=max(fastest(time, one[:, k]) for one in drawn.values()),
             slide=joint.slide,
         )
         for k, joint in enumerate(chosen)
@@ -136,8 +129,31 @@ def targets_for(
         }
         for name, one in drawn.items()
     }
-    text = readme(robot.source, list(files), limits, seconds=seconds, rate=rate, notes=notes)
+    purposes = {file: _purpose(file) for file in files}
+    text = readme(
+        robot.source, purposes, limits, HUNG, length=f"{seconds:g} s", rate=rate, notes=notes
+    )
     return Battery(files=files, readme=text, notes=tuple(notes))
+
+
+def check_numbers(*, seconds: float, rate: float, share: float, speed: float) -> None:
+    """Raises InputError where one of these makes no sense; `targets_for` says what they are."""
+    for name, value, most in (
+        ("seconds", seconds, _LONGEST),
+        ("rate", rate, 1e4),
+        ("share", share, 1.0),
+        ("speed", speed, 1e3),
+    ):
+        if not 0 < value <= most:
+            raise refusal(f"{name} is {value:g}. Give a number above 0 and up to {most:g}.")
+
+
+def _purpose(file: str) -> str:
+    """What a file is for."""
+    name = file.removesuffix(".csv").partition("_")[2]
+    told = BATTERY[name.removeprefix("small_")].description
+    small = name.startswith("small_")
+    return "a tenth as large: look at its log before all others" if small else told
 
 
 def _chosen(robot: Robot, expressions: Sequence[str]) -> list[Joint]:
@@ -172,14 +188,7 @@ def _room(robot: Robot, joints: Sequence[Joint]) -> tuple[FloatArray, FloatArray
 
 def _range(robot: Robot, joint: Joint) -> tuple[float, float]:
     """Where a joint may be and be sent [rad; m], infinite where nothing limits it."""
-    model = robot.model
-    lower, upper = -np.inf, np.inf
-    if model.jnt_limited[joint.id]:
-        lower, upper = map(float, model.jnt_range[joint.id])
-    drive = joint.drive("position")
-    if drive is not None and model.actuator_ctrllimited[drive.actuator]:
-        ends = (model.actuator_ctrlrange[drive.actuator] - drive.offset) / drive.slope
-        lower, upper = max(lower, float(ends.min())), min(upper, float(ends.max()))
+    lower, upper = robot.target_range(joint)
     if not lower < upper:
         raise refusal(
             f"{robot.source}: joint {joint.name!r} has no room between its range and its "
@@ -242,5 +251,6 @@ def _touching(robot: Robot, data: mujoco.MjData) -> set[tuple[int, int]]:
     return found
 
 
-def _speed(time: FloatArray, targets: FloatArray) -> float:
-    return float(np.abs(np.diff(targets) / np.diff(time)).max())
+def fastest(time: FloatArray, targets: FloatArray) -> float:
+    """The highest speed of (T,) targets, or of (T, n) [rad/s; m/s]."""
+    return float((np.abs(np.diff(targets.T)) / np.diff(time)).max())

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-
-from walkerkit.tasks.excitation import BATTERY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,12 +26,28 @@ class Limits:
     slide: bool
 
 
+@dataclass(frozen=True, kw_only=True)
+class Manner:
+    """What differs between a robot that hangs and one that stands.
+
+    Attributes:
+        safety: what to do before, in order.
+        columns: names, units and needs of the columns to log.
+        tried: how the targets were tried, a paragraph; empty where they were not.
+    """
+
+    safety: tuple[str, ...]
+    columns: tuple[tuple[str, str, str], ...]
+    tried: str = ""
+
+
 def readme(
     model: str,
-    files: Sequence[str],
+    files: Mapping[str, str],
     limits: Sequence[Limits],
+    manner: Manner,
     *,
-    seconds: float,
+    length: str,
     rate: float,
     notes: Sequence[str],
 ) -> str:
@@ -41,23 +55,25 @@ def readme(
 
     Args:
         model: what the targets were made for.
-        files: their names, in the order in which they are to be sent.
+        files: name to what it tells, in the order in which they are to be sent.
         limits: of each joint.
-        seconds: length of each file.
+        manner: whether the robot hangs or stands.
+        length: of a file, in words.
         rate: samples a second.
         notes: what else is to be said.
     """
     told = [f"# Targets for {model}", ""]
     told += [
-        f"Each file has {seconds:g} s of position targets at {rate:g} Hz, in rad (m for slide "
+        f"Each file has {length} of position targets at {rate:g} Hz, in rad (m for slide "
         "joints): `time` and one column `<joint>/position_target` for each joint. All begin and "
         "end at rest at the start pose below.",
         "",
     ]
+    told += [manner.tried, ""] if manner.tried else []
     told += [f"**{note[0].upper()}{note[1:]}.**\n" for note in notes]
-    told += ["## Before", "", *(f"{k}. {line}" for k, line in enumerate(_SAFETY, 1)), ""]
+    told += ["## Before", "", *(f"{k}. {line}" for k, line in enumerate(manner.safety, 1)), ""]
     told += ["## Order", "", "| file | what it tells |", "|---|---|"]
-    told += [f"| `{file}` | {_purpose(file)} |" for file in files]
+    told += [f"| `{file}` | {purpose} |" for file, purpose in files.items()]
     told += [
         "",
         "Look at each log before you send the next file: did every joint go where it was sent, and "
@@ -83,7 +99,7 @@ def readme(
         "",
         "| column | unit | |",
         "|---|---|---|",
-        *(f"| `{name}` | {unit} | {need} |" for name, unit, need in _COLUMNS),
+        *(f"| `{name}` | {unit} | {need} |" for name, unit, need in manner.columns),
         "",
         f"The joints are {', '.join(f'`{one.joint}`' for one in limits)}. Other names, units and "
         "formats (bags, JSON, NPZ, …) are read by `walkerkit import LOG --model MODEL --out "
@@ -100,17 +116,12 @@ def readme(
     return "\n".join(told)
 
 
-_SAFETY = (
-    "Hang the robot up, or fix its trunk, so that no foot reaches anything.",
+_ALWAYS = (
     "One person holds the emergency stop. It cuts the motors' power and is no software.",
-    "Limit torque to a third and speed to a half in the drives, not in the script, and set their "
-    "position limits inside of the mechanical ones.",
     "Let the motors warm up for a minute.",
     "Move slowly to the start pose, then begin.",
-    "Stop by ramping the targets back to the start pose, never by switching the gains off.",
 )
-
-_COLUMNS = (
+_JOINTS = (
     ("time", "s", "required"),
     ("<joint>/position_target", "rad", "required: what the drive was told, after all filters"),
     ("<joint>/position", "rad", "required: as the encoder measured it"),
@@ -118,10 +129,55 @@ _COLUMNS = (
     ("<joint>/velocity", "rad/s", "as the drive reports it, if it does"),
 )
 
+HUNG = Manner(
+    safety=(
+        "Hang the robot up, or fix its trunk, so that no foot reaches anything.",
+        _ALWAYS[0],
+        "Limit torque to a third and speed to a half in the drives, not in the script, and set "
+        "their position limits inside of the mechanical ones.",
+        *_ALWAYS[1:],
+        "Stop by ramping the targets back to the start pose, never by switching the gains off.",
+    ),
+    columns=_JOINTS,
+)
 
-def _purpose(file: str) -> str:
-    """What a file is for."""
-    name = file.removesuffix(".csv").partition("_")[2]
-    small = name.startswith("small_")
-    told = BATTERY[name.removeprefix("small_")].description
-    return "a tenth as large: look at its log before all others" if small else told
+
+def standing_manner(feet: Sequence[str], tried: str) -> Manner:
+    """That of a robot on its feet.
+
+    Args:
+        feet: their names in the model.
+        tried: how the targets were tried, a paragraph.
+    """
+    names = ", ".join(f"`{foot}`" for foot in feet)
+    return Manner(
+        safety=(
+            "Hang a slack rope from above on the trunk: it carries nothing while the robot "
+            "stands, and all of it when it falls. Level, dry ground, two metres of it all around.",
+            _ALWAYS[0],
+            "Run the hung experiments first (`walkerkit hang`, `walkerkit excite`), and mend the "
+            "model by them: the targets are only as safe as the gains and the masses are right.",
+            *_ALWAYS[1:],
+            "Let it stand for a second before and after each file, and log that too.",
+            "Stop by ramping the targets back to the start pose. Switching the gains off drops the "
+            "robot.",
+            "Skip what your robot does worse than the simulation: a foot that slips, a trunk that "
+            "rings.",
+        ),
+        columns=(
+            *_JOINTS,
+            (
+                "base/position_x … z, base/quaternion_w … z",
+                "m; base to world",
+                "motion capture, if there is one",
+            ),
+            (
+                "base/imu_angular_velocity_x … z, base/imu_acceleration_x … z",
+                "rad/s; m/s²",
+                "required without motion capture: raw, in the unit's frame",
+            ),
+            ("base/imu_quaternion_w … z", "unit to world", "if the unit gives one"),
+            ("<foot>/contact or <foot>/force", "0 or 1; any", f"if there are sensors: {names}"),
+        ),
+        tried=tried,
+    )

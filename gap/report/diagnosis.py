@@ -161,7 +161,8 @@ class NextExperiment:
     """The excitation that would best tell the members of a confusion set apart.
 
     Attributes:
-        excitation: its name in `walkerkit.tasks.excitation`, or `release`.
+        excitation: its name in `walkerkit.tasks.excitation`, or `release`; of a robot on its feet
+            in `walkerkit.gap.standing.motions`.
         between: the effects.
         separation: predicted difference of the nearest two, in standard deviations of what the
             explanation leaves.

@@ -6,6 +6,9 @@ recordings have reached, or asks for more effort than they have shown, is made s
 Where the predicted logs differ most is where to measure next; a changed set-up is more trouble, so
 it is proposed only where the robot as it is would not do.
 
+A robot on its feet is not moved joint by joint: its battery is that of `gap.standing`, what it
+comes through upright however its model may be wrong.
+
 The difference is counted in standard deviations of what the explanation leaves of the recordings,
 with as many independent samples as their errors' autocorrelation allows.
 """
@@ -19,6 +22,7 @@ from itertools import combinations, groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.recordings.base import BASE, ORIENTATIONS
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.report.diagnosis import NextExperiment
@@ -30,6 +34,8 @@ from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.replay import Replay, predict_together
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
+from walkerkit.gap.standing.battery import standing_battery
+from walkerkit.gap.standing.safety import BOUNDS, effort_limit
 from walkerkit.tasks.excitation import BATTERY
 
 FloatArray = NDArray[np.float64]
@@ -127,7 +133,14 @@ class _Bench:
             for signal in ("position", "effort")
             for joint in problem.joints
         )
-        self.channels = tuple(dict.fromkeys((*problem.channels, *self.watched)))
+        self.motions: dict[str, Recording] = {}
+        if self.robot.base is not None and self.takes == "position":
+            self.motions = standing_battery(
+                self.robot, seconds=_SECONDS, rate=self.rate, n_threads=problem.n_threads
+            )
+        tilts = tuple(Channel(joint=BASE, signal=name) for name in ORIENTATIONS[:2])
+        self.tilts = tilts if self.motions else ()
+        self.channels = tuple(dict.fromkeys((*problem.channels, *self.watched, *self.tilts)))
         self.efforts = any(channel.signal == "effort" for channel in problem.channels)
         self.spread = independence(problem, members[0])
         self.with_play = any(np.any(values) for values in self._trials().plays.values())
@@ -155,6 +168,10 @@ class _Bench:
             return False
         for channel in self.watched:
             series = predicted[:, :, self.channels.index(channel)]
+            if self.motions:
+                if not self._within_limits(channel, series):
+                    return False
+                continue
             excursion, joint = self.robot.excursion(channel.joint), self.robot.joints[channel.joint]
             if channel.signal == "effort":
                 if np.abs(series).max() > (1 + _BEYOND) * excursion.effort:
@@ -172,7 +189,21 @@ class _Bench:
                 low, high = max(low, float(stops[0])), min(high, float(stops[1]))
             if series.min() < low or series.max() > high:
                 return False
-        return True
+        return all(
+            np.ptp(predicted[:, :, self.channels.index(tilt)], axis=1).max() < 2 * BOUNDS["tilt"]
+            for tilt in self.tilts
+        )
+
+    def _within_limits(self, channel: Channel, series: FloatArray) -> bool:
+        """Whether a joint of a robot on its feet stays within its range and its drive's limit."""
+        joint, model = self.robot.joints[channel.joint], self.robot.model
+        if channel.signal == "effort":
+            limit = BOUNDS["effort"] * effort_limit(self.robot, joint)
+            return bool(np.abs(series).max() <= limit)
+        if not model.jnt_limited[joint.id]:
+            return True
+        low, high = model.jnt_range[joint.id]
+        return bool(series.min() >= low and series.max() <= high)
 
     def separation(self, predicted: FloatArray, set_up: SetUp) -> float:
         """How far the nearest two members are apart [standard deviations]."""
@@ -202,7 +233,7 @@ def _choices(bench: _Bench) -> Iterator[list[_Choice]]:
         bench.joints,
         concerned=bench.concerned,
         efforts=bench.efforts,
-        excitations=tuple(BATTERY),
+        excitations=tuple(bench.motions or BATTERY),
     )
     # The log of a joint that cannot move shows nothing else; a motor with play moves.
     useful = [one for one in changes if not one.held or (bench.efforts and not bench.with_play)]
@@ -210,6 +241,8 @@ def _choices(bench: _Bench) -> Iterator[list[_Choice]]:
         every = [(set_up, excitation) for set_up in alike for excitation in set_up.excitations]
         chosen: dict[int, _Choice] = {}
         for size in _SIZES:
+            if bench.motions and size != _SIZES[0]:
+                break  # they are as large as they can be, and no smaller
             left = [k for k in range(len(every)) if k not in chosen]
             logs = [_targets(bench, *every[k], size) for k in left]
             for k, log, predicted in zip(
@@ -228,6 +261,8 @@ def _choices(bench: _Bench) -> Iterator[list[_Choice]]:
 
 def _targets(bench: _Bench, set_up: SetUp, excitation: str, size: float) -> Recording:
     """What to send: targets about the middle of each joint's room, or effort about none."""
+    if excitation in bench.motions:
+        return bench.motions[excitation]
     time = np.arange(0.0, _SECONDS, 1 / bench.rate)
     at = [bench.robot.excursion(joint) for joint in bench.joints]
     middle = np.array([0.5 * (a.lower + a.upper) for a in at])

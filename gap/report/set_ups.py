@@ -31,7 +31,7 @@ _GAIN = 0.3  # of the drive's
 _MASSES = (0.5, 0.2)  # of what the body carries already
 _HANDS = 2  # that hold joints until they are let go
 _CLAMPED = 1e9  # kg·m² (kg): nothing moves a joint of this inertia
-_STEADY = ("slow_triangle", "steps", "multisine")
+_STEADY = ("slow_triangle", "steps", "multisine", "shift", "sway", "squat")
 
 
 @dataclass(frozen=True, kw_only=True)

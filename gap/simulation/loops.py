@@ -97,8 +97,13 @@ class Loops:
         qvel[unknown] -= np.linalg.lstsq(jacobian[:, unknown], moved, rcond=1e-9)[0]
         return np.concatenate([data.qpos, qvel])
 
+    def residual(self, qpos: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (n,) and Jacobian (n, nv) of the constraints at (nq,) positions [m; rad]."""
+        self._data.qpos[:] = qpos
+        return self._residual()
+
     def _residual(self) -> tuple[FloatArray, FloatArray]:
-        """Residuals (n,) and Jacobian (n, nv) of the constraints at the present positions."""
+        """The same at the present positions."""
         model, data = self._model, self._data
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)

@@ -6,6 +6,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
+import numpy as np
 
 from walkerkit.gap.errors import InputError
 
@@ -16,8 +17,8 @@ def spec_of(made: Any, source: str, *, floating: bool = False) -> mujoco.MjSpec:
     Args:
         made: one of these.
         source: names it in messages.
-        floating: give a walker the free joint that it has in an arena; its joints and bodies are
-            called as in its own model.
+        floating: give a walker the free joint that it has in an arena, and the pose in which it
+            stands as a keyframe; its joints and bodies are called as in its own model.
 
     Raises:
         InputError: it is none of these.
@@ -40,7 +41,20 @@ def spec_of(made: Any, source: str, *, floating: bool = False) -> mujoco.MjSpec:
         made.create_root_joints(arena.attach(made))
         root, prefix = arena.mjcf_model, f"{root.model}/"
     text = _plain_names(root.to_xml_string(), prefix)
-    return mujoco.MjSpec.from_string(text, assets=root.get_assets())
+    spec = mujoco.MjSpec.from_string(text, assets=root.get_assets())
+    if prefix:
+        _add_home(spec, made)
+    return spec
+
+
+def _add_home(spec: mujoco.MjSpec, walker: Any) -> None:
+    """Makes the pose in which a walker stands the first keyframe, which an arena does not keep."""
+    joints, place, turn = getattr(walker, "upright_pose", (None, None, None))
+    if any(part is None for part in (joints, place, turn)) or spec.keys:
+        return
+    qpos = np.concatenate([place, turn, joints])
+    if len(qpos) == spec.copy().compile().nq:
+        spec.add_key(name="home", qpos=qpos)
 
 
 def _plain_names(text: str, prefix: str) -> str:

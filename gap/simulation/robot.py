@@ -7,6 +7,7 @@ robot.channels(recording.joints)  # checks that they exist
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -217,6 +218,17 @@ class Robot:
             if joint in program.joints and name in program.numbers:
                 return float(program.numbers[name][program.joints.index(joint)])
         return None
+
+    def target_range(self, joint: Joint) -> tuple[float, float]:
+        """Where a joint may be and be sent [rad; m], infinite where nothing limits it."""
+        model, lower, upper = self.model, -math.inf, math.inf
+        if model.jnt_limited[joint.id]:
+            lower, upper = map(float, model.jnt_range[joint.id])
+        drive = joint.drive("position")
+        if drive is not None and not drive.in_python and model.actuator_ctrllimited[drive.actuator]:
+            ends = (model.actuator_ctrlrange[drive.actuator] - drive.offset) / drive.slope
+            lower, upper = max(lower, float(ends.min())), min(upper, float(ends.max()))
+        return lower, upper
 
     @property
     def has_dry_friction(self) -> bool:

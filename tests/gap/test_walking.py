@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from benchmarks.base_state import trot
+from benchmarks.base_state import errors, trot
 from walkerkit.gap.recordings.imu import ACCELERATION, GYRO
 from walkerkit.gap.recordings.recording import BASE
 from walkerkit.gap.recordings.segments import windows
@@ -62,6 +62,13 @@ def test_nor_with_its_inertial_unit_alone_above_what_the_estimate_may_be_wrong_b
     for name, size in wrong.items():
         assert size < 2 * floor[name], name
     assert floor["position"] < 5e-3
+
+
+def test_slips_that_every_stride_repeats_do_not_add_up_to_a_tilt(robot):
+    """Of an ideal unit: 0.9° when each stride counted as a witness of its own."""
+    found = errors(robot, trot(Trot(), 4.0, base="both"), contacts=True)
+    assert np.rad2deg(np.sqrt(np.mean(found.tilt**2))) < 0.4
+    assert found.within > 0.9
 
 
 def test_feet_come_and_go(log):
