@@ -12,6 +12,7 @@ from __future__ import annotations
 import io
 import re
 import textwrap
+from collections.abc import Sequence
 from typing import Literal
 
 import pandas as pd
@@ -125,12 +126,11 @@ class Rows:
 
 def comparison_table(comparison: pd.DataFrame) -> RenderableType:
     """The most probable structures of a search as a table: see docs/decision.md."""
-    table = Table("structure", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    for column in ("elpd", "difference", "weight"):
-        table.add_column(column, justify="right", no_wrap=True)
+    numbers = ("elpd", "difference", "weight")
+    table = Rows("structure", *numbers, right=numbers)
     for row in comparison.head(_STRUCTURES).to_dict("records"):
-        table.add_row(
-            Text(row["structure"]),
+        table.add(
+            row["structure"],
             f"{row['elpd']:.1f}",
             f"{row['difference']:.1f} ± {row['se']:.1f}",
             percent(row["weight"]),
@@ -168,7 +168,7 @@ def render(diagnosis: Diagnosis) -> RenderableType:
     if diagnosis.hints:
         parts += [heading("Stopgaps, which explain nothing"), *map(_hint, diagnosis.hints)]
     if diagnosis.notes:
-        parts += [heading("Notes"), _notes(diagnosis)]
+        parts += [heading("Notes"), numbered(diagnosis.notes)]
     return Group(*parts)
 
 
@@ -258,8 +258,9 @@ def _sizes(diagnosis: Diagnosis) -> Rows:
     return table
 
 
-def _notes(diagnosis: Diagnosis) -> Table:
+def numbered(notes: Sequence[str]) -> RenderableType:
+    """Notes with their numbers."""
     table = Table.grid(padding=(0, 1))
-    for index, note in enumerate(diagnosis.notes, start=1):
+    for index, note in enumerate(notes, start=1):
         table.add_row(Text(f"{index}."), Paragraph(" ".join(map(wording.label, note.split()))))
     return table
