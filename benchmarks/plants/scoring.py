@@ -46,6 +46,16 @@ def rare_first(one: PlantedOutcome) -> bool:
     return truth_in_set(aside(one.outcome, ORDINARY))
 
 
+def first_beside(one: PlantedOutcome, known: Collection[str]) -> bool:
+    """As `first_in_set`, of the names that the log is not given with nothing planted.
+
+    Args:
+        one: a plant that shows.
+        known: as `sure` has it.
+    """
+    return truth_in_set(aside(one.outcome, known))
+
+
 def sizes_right(one: PlantedOutcome) -> bool | None:
     """Whether the first name's numbers are within two standard errors of what was planted.
 

@@ -14,6 +14,7 @@ from benchmarks.plants.outcome import PlantedOutcome
 from benchmarks.plants.scoring import (
     SURE_ENOUGH,
     answers,
+    first_beside,
     first_in_set,
     gain_first,
     geometry_first,
@@ -46,6 +47,11 @@ def rows(outcomes: Sequence[PlantedOutcome]) -> list[Row]:
             _rate(
                 f"the same, ordinary names aside, {half}",
                 answers(some, rare_first),
+                "",
+            ),
+            _rate(
+                f"the same, names aside that it is given with nothing planted, {half}",
+                [first_beside(one, known.get(one.log, ())) for one in some],
                 "",
             ),
             _rate(f"its place, {half}", [place_right(one.outcome) for one in some], "90 %"),

@@ -19,7 +19,14 @@ from benchmarks.plants.cases import CONTROL, PLANTS, PlantedCase, cases
 from benchmarks.plants.kinds import KINDS, SIGN_FLIP, Setting
 from benchmarks.plants.outcome import SHOWS, PlantedOutcome, shows
 from benchmarks.plants.running import Job, run_case
-from benchmarks.plants.scoring import own_names, rare_first, sizes_right, sure, told
+from benchmarks.plants.scoring import (
+    first_beside,
+    own_names,
+    rare_first,
+    sizes_right,
+    sure,
+    told,
+)
 from benchmarks.plants.table import line, rows
 from benchmarks.plants.temperature import log_score, probability
 from benchmarks.rivals.logs import LOGS, RealLog
@@ -305,6 +312,9 @@ class TestScoring:
         one = outcome(case("payload"), named("payload"), named("backlash"), named("cogging"))
         assert sure(one, own) == [True, False]
         assert sure(one, ()) == [True, False, False]
+        behind = outcome(case("payload"), named("backlash"), named("payload"))
+        assert first_beside(behind, own)
+        assert not first_beside(behind, ())
 
     def test_ordinary_names_are_put_aside_where_the_hidden_one_is_not(self):
         one = outcome(case("payload"), named("armature"), named("payload"))
