@@ -18,7 +18,7 @@ from walkerkit.gap.effects import CATALOGUE
 PACKAGES = ("gap", "actuators", "walkers", "tasks")
 # Those whose blocks `test_readme` runs.
 ELSEWHERE = {"actuators", "fleet", "gap", "walkers"}
-PROSE = {"benchmarks", "catalogue", "concepts", "decision", "evidence", "export"}
+PROSE = {"architecture", "benchmarks", "catalogue", "concepts", "decision", "evidence", "export"}
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted({path.stem for path in (ROOT / "docs").glob("*.md")} - ELSEWHERE - PROSE)
 

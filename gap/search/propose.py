@@ -16,13 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
+from walkerkit.gap.search.certainty import at_bound
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import evaluate, fit, polished, promises
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
 from walkerkit.gap.search.slopes import Slopes, slopes_to_carry
-from walkerkit.gap.search.structure import Fit, Structure, Term
+from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 
 FloatArray = NDArray[np.float64]
 
@@ -98,11 +100,31 @@ def proposals(
         if one not in best
         and (_is_of(one, always) or (_is_of(one, plain) and len(one.structure.terms) == single))
     ]
-    best = polished(objective, best, near, iterations=_REFITS, certain=False)
+    best = [
+        _where_it_stays_within_bounds(objective, one, near)
+        for one in polished(objective, best, near, iterations=_REFITS, certain=False)
+    ]
     first: dict[object, Fit] = {}
     for one in sorted(best, key=lambda one: one.score):
         first.setdefault(one.structure.key, one)
     return [*first.values()]
+
+
+def _where_it_stays_within_bounds(objective: Objective, one: Fit, near: Slopes | None) -> Fit:
+    """A fit without its newest effect at places where that ran into a bound, if there are others.
+
+    What stands in for something else at many places runs away at some; there it is not known.
+    """
+    while True:
+        structure, term = one.structure, one.structure.terms[-1]
+        stopped = at_bound(one) & (one.values != structure.zero)
+        stopped &= [not slot.parameter.choice for slot in structure.slots]
+        places = tuple(p for p in term.places if not stopped[structure.columns(term, p)].any())
+        if not places or len(places) == len(term.places):
+            return one
+        fewer = structure.replaced(term, replace(term, sites=places))
+        start = replace(one, structure=fewer, values=carried(one.values, structure, fewer))
+        (one,) = polished(objective, [start], near, iterations=_REFITS, certain=False)
 
 
 def _is_of(one: Fit, names: Collection[str]) -> bool:

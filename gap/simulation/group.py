@@ -31,7 +31,6 @@ _LENGTH_RATIO = 0.8  # segments share a batch when the shortest is at least this
 MOST_STEPS = 1_000_000  # of the segments of a batch together; what is longer has one of its own
 _ROUNDED = 1e-9  # of the largest command; what changes less does not
 _APART = 0.01  # s; velocities so far apart tell the acceleration
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
 class Group:
@@ -216,15 +215,10 @@ class Group:
     def initial_state(self, shift: FloatArray, off: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Measured states at each segment's start, each (n, n_segments, n_joints).
 
-        A step of MuJoCo's Euler and implicit integrators moves by the velocity at its end, so that
-        the velocity at its start is the slope half a step before.
-
         Args:
             shift: (n, n_segments, n_joints) by which it is shifted [s].
             off: (n, n_joints, 2) by which positions and velocities are off, in their errors.
         """
-        option = self.robot.model.opt
-        earlier = 0.0 if option.integrator == _RK4 else 0.5 * option.timestep
         variants = shift[:1] if (shift == shift[:1]).all() else shift
         qpos = np.empty(variants.shape)
         qvel = np.empty_like(qpos)
@@ -232,7 +226,7 @@ class Group:
             state = self.states[id(segment.recording)]
             alike = (variants[:, s] == variants[:, s, :1]).all()
             for k in range(1 if alike else shift.shape[2]):
-                q, v = state.at(segment.start + variants[:, s, k], earlier=earlier)
+                q, v = state.at(segment.start + variants[:, s, k])
                 which = slice(None) if alike else k
                 qpos[:, s, which], qvel[:, s, which] = q[:, which], v[:, which]
         if off.any():

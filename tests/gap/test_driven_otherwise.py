@@ -106,7 +106,7 @@ def test_the_mended_pair_is_a_walker_and_so_is_its_file(write, tmp_path):
 
 MOTOR = """
 <mujoco>
-  <option timestep="0.01" integrator="{}"/>
+  <option timestep="0.01" integrator="RK4"/>
   <worldbody><body>
     <joint name="knee" axis="0 1 0" damping="0.05" armature="0.02"/>
     <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.5"/>
@@ -116,10 +116,9 @@ MOTOR = """
 """
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
-def test_a_coarse_timestep_leaves_no_gap_in_its_own_log_of_efforts(tmp_path, integrator):
+def test_a_coarse_timestep_leaves_no_gap_in_its_own_log_of_efforts(tmp_path):
     path = tmp_path / "motor.xml"
-    path.write_text(MOTOR.format(integrator), encoding="utf-8")
+    path.write_text(MOTOR, encoding="utf-8")
     model = mujoco.MjModel.from_xml_path(str(path))
     data, rows = mujoco.MjData(model), 600
     time = model.opt.timestep * np.arange(rows)

@@ -14,7 +14,7 @@ import pytest
 
 from walkerkit.gap.recordings.wiring import WiringError
 from walkerkit.gap.report import diagnosis as module
-from walkerkit.gap.report.diagnosis import Change, Diagnosis, Hint
+from walkerkit.gap.report.diagnosis import Change, Diagnosis, Hint, Rival
 from walkerkit.gap.report.gaps import GapSize
 from walkerkit.gap.report.regimes import EVERYWHERE, REGIMES
 
@@ -82,6 +82,7 @@ def everything(confused: Diagnosis) -> Diagnosis:
         confused,
         effects=(friction, known, payload),
         wiring=(swapped,),
+        rivals=(Rival(effect="payload", in_place_of="command_delay", effects=(payload,)),),
         hints=(hint,),
         next_experiment=changed,
         recordings=("walk", "steps"),
@@ -111,6 +112,8 @@ def keys(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             if path not in ("gap.joints", "gap.signals"):
                 yield own, item
             yield from keys(item, own)
+    elif path == "rivals[].effects":
+        return  # as `effects`, which has them all
     elif isinstance(value, list) and value and isinstance(value[0], dict):
         for item in value:
             yield from keys(item, f"{path}[]")

@@ -130,15 +130,8 @@ def effort_at(instant, grid, efforts, commands, held):
     return np.interp(instant, grid, efforts)
 
 
-def starts(recording, instant, step=STEP):
-    """Where a joint is, and its velocity half a step before, by which MuJoCo came there."""
-    return [
-        (
-            measured_start(recording, joint, instant)[0],
-            measured_start(recording, joint, instant - step / 2)[1],
-        )
-        for joint in JOINTS
-    ]
+def starts(recording, instant):
+    return [measured_start(recording, joint, instant) for joint in JOINTS]
 
 
 def servo_targets(recording, start, age=0.0):
