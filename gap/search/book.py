@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.certainty import at_bound, covariance
+from walkerkit.gap.search.certainty import covariance, ran_away
 from walkerkit.gap.search.compare import Member, Table, is_worth_a_name
 from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
@@ -194,10 +194,9 @@ def _estimated(problem: Problem, one: Fit, slopes: Slopes) -> bool:
     """Whether of each rare effect some number is known, and none is at its bound."""
     structure = one.structure
     rare = [t for t in structure.terms if t.effect.fitted and not t.effect.ordinary]
-    stopped = at_bound(one) & (one.values != structure.zero)  # what is not there is at no bound
-    choice = np.array([slot.parameter.choice for slot in structure.slots], dtype=bool)
+    stopped = ran_away(one)
     columns = [structure.columns(term) for term in rare]
-    if any((stopped & ~choice)[own].any() for own in columns):
+    if any(stopped[own].any() for own in columns):
         return False
     errors = known_errors(problem, one, slopes) if rare else np.zeros(0)
     return all(errors[own].max() >= KNOWN for own in columns)

@@ -130,3 +130,10 @@ def at_bound(one: Fit) -> NDArray[np.bool_]:
     nearest = np.minimum(one.values - lower, upper - one.values)
     at: NDArray[np.bool_] = nearest <= _AT_BOUND * (upper - lower)
     return at
+
+
+def ran_away(one: Fit) -> NDArray[np.bool_]:
+    """(n_parameters,) whether a value ran into a bound; choices and what is not there do not."""
+    choice = np.array([slot.parameter.choice for slot in one.structure.slots], dtype=bool)
+    away: NDArray[np.bool_] = at_bound(one) & (one.values != one.structure.zero) & ~choice
+    return away

@@ -16,7 +16,7 @@ from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import polished
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.settle import robustly, settled, without_the_wild
+from walkerkit.gap.search.settle import robustly, settled, trust_in_the_light_of
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried, extended
 
@@ -55,7 +55,7 @@ def ground(
             found = _fitted_to_a_part(part, found, progress, stage, first)
             first = None
     found = settled(problem.fit, found, passes=_PASSES, progress=progress, stage=stage)
-    if without_the_wild(problem, found) is not None:
+    if trust_in_the_light_of(problem.fit, found, problem.noise) is not None:
         slopes = linearised(problem.fit.objective, found)
         found = robustly(problem.fit, found, slopes, problem.noise)
     if first is not None:

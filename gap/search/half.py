@@ -123,7 +123,7 @@ class Searched:
 
     def look_at(self, case: Case) -> None:
         """Chooses them so that they hold their part of what one row of values leaves."""
-        if self.screen is self._fit:  # and so is the race, or both are as they are
+        if self.screen is self._fit:  # and so is the race, or it stays
             return
         objective = self._fit.objective
         gaps = Gaps.of(objective, objective.simulated([case])[0][0])
@@ -134,11 +134,10 @@ class Searched:
             if not _tells_as_much(self.screen.objective, own, case):
                 self._choose(gaps, 1)
 
-    def as_it_is(self, race: Half, screen: Half) -> Searched:
-        """The same with other parts, which stay whatever is looked at."""
+    def with_screen(self, screen: Half) -> Searched:
+        """The same with another screen, which stays whatever is looked at."""
         other = copy(self)
         other._fit = other.screen = screen
-        other.race = race
         return other
 
     def _choose(self, gaps: Gaps, longer: int) -> None:

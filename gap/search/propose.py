@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
-from walkerkit.gap.search.certainty import at_bound
+from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import evaluate, fit, polished, promises
@@ -28,7 +28,7 @@ from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 
 FloatArray = NDArray[np.float64]
 
-_BY_PROMISE, _BY_START, _PAIRS = 8, 4, 3  # that are raced
+_BY_PROMISE, _BY_START, _PAIRS = 8, 4, 3  # that are fitted to little of the recordings
 _FEWEST = 3  # by promise, however little that is
 _WARM = 2  # steps of a fit to little of the recordings
 _FITTED, _REFITS = 4, 4  # of those that promise most of all, and steps of a fit to it
@@ -117,8 +117,7 @@ def _where_it_stays_within_bounds(objective: Objective, one: Fit, near: Slopes |
     """
     while True:
         structure, term = one.structure, one.structure.terms[-1]
-        stopped = at_bound(one) & (one.values != structure.zero)
-        stopped &= [not slot.parameter.choice for slot in structure.slots]
+        stopped = ran_away(one)
         places = tuple(p for p in term.places if not stopped[structure.columns(term, p)].any())
         if not places or len(places) == len(term.places):
             return one

@@ -146,20 +146,36 @@ def without_the_wild(problem: Problem, current: Fit) -> Problem | None:
         The problem, whose parts stay as they are; None where no few blocks hold most of the gaps,
         so that the comparison sees what a root mean square does.
     """
-    weighed: dict[int, Half] = {}
-    for half in (problem.fit, problem.race, problem.screen):
-        if id(half) in weighed:
-            continue
-        half.refine(current)
-        (residual,) = half.objective.residuals([current.case])[0]
-        trust = Wildness(half.objective, residual, problem.noise).trust(residual)
-        squares = half.objective.block_squares(residual)
-        counted = np.sum(trust * squares, axis=0)
-        if half is problem.fit and (counted >= _HELD_BY_FEW * squares.sum(axis=0)).all():
-            return None
-        weighed[id(half)] = half.trusting(trust)
-    fit, race, screen = (weighed[id(h)] for h in (problem.fit, problem.race, problem.screen))
-    return replace(problem, fit=fit, searched=problem.searched.as_it_is(race, screen))
+    trust = trust_in_the_light_of(problem.fit, current, problem.noise)
+    if trust is None:
+        return None
+    fit = problem.fit.trusting(trust)
+    if problem.screen is problem.fit:
+        return replace(problem, fit=fit, searched=problem.searched.with_screen(fit))
+    seen = _trust(problem.screen, current, problem.noise)[0]
+    screen = problem.screen.trusting(seen)
+    return replace(problem, fit=fit, searched=problem.searched.with_screen(screen))
+
+
+def trust_in_the_light_of(half: Half, current: Fit, noise: FloatArray) -> FloatArray | None:
+    """(n_blocks, n_scored) how much blocks count; None where no few of them hold most of the gaps.
+
+    Args:
+        half: the recordings.
+        current: a fit.
+        noise: (n_scored,) of the measurement.
+    """
+    trust, squares = _trust(half, current, noise)
+    counted = np.sum(trust * squares, axis=0)
+    return None if (counted >= _HELD_BY_FEW * squares.sum(axis=0)).all() else trust
+
+
+def _trust(half: Half, current: Fit, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n_blocks, n_scored) how much blocks count beside a fit, and their sums of squares."""
+    half.refine(current)
+    (residual,) = half.objective.residuals([current.case])[0]
+    trust = Wildness(half.objective, residual, noise).trust(residual)
+    return trust, half.objective.block_squares(residual)
 
 
 def _in_one(half: Half, start: Fit, make: Callable[[], Fit]) -> Fit:
