@@ -62,6 +62,8 @@ class Parameter:
         inverse: name and unit of one over it, where that is what people speak of; else empty.
         prior: standard deviation of its prior, a normal distribution about `zero`: the size that is
             plausible before any log is seen. By default that of the largest start.
+        shape: how the effect looks where its other numbers make some of it, such as the phase of a
+            wave: by itself it changes nothing, so that to know it is not to know the effect.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Parameter:
     choice: bool = False
     inverse: tuple[str, str] | tuple[()] = ()
     prior: float = 0.0
+    shape: bool = False
 
     @property
     def is_delay(self) -> bool:

@@ -167,6 +167,7 @@ class EndStop(JointEffect):
                 upper=stiffest,
                 scale=0.05 * stiffest,
                 starts=(0.3 * stiffest,) * 4,
+                shape=not limited,
             ),
             Parameter(
                 name="damping_ratio",
@@ -176,6 +177,7 @@ class EndStop(JointEffect):
                 upper=2.0,
                 scale=0.1,
                 starts=(_DAMPING_RATIO,) * 4,
+                shape=not limited,
             ),
         )
 

@@ -184,6 +184,7 @@ class StribeckFriction(LawEffect):
                 upper=max(2 * speed, known_speed),
                 scale=0.02 * speed,
                 starts=(0.1 * speed, 0.1 * speed, 0.02 * speed, 0.2 * speed),
+                shape=not known["breakaway"],
             ),
             Parameter(
                 name="exponent",
@@ -193,6 +194,7 @@ class StribeckFriction(LawEffect):
                 upper=3.0,
                 scale=0.2,
                 starts=(1.0, 1.0, 1.0, 1.0),
+                shape=not known["breakaway"],
             ),
         )
 
@@ -262,6 +264,7 @@ class PreslidingFriction(JointEffect):
                 upper=max(excursion.range, 2 * known),
                 scale=little,
                 starts=(little, much, little, much),
+                shape=not own,
             ),
         )
 

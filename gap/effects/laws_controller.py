@@ -154,6 +154,7 @@ class IntegralAction(LawEffect):
                 upper=wide,
                 scale=0.05 * min(peak, wide),
                 starts=tuple(min(clamp, wide) for _, clamp in pairs),
+                shape=not known["gain"],
             ),
         )
 

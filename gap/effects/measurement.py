@@ -153,6 +153,7 @@ class KinematicError(JointEffect):
                 upper=2 * max(*periods, 100 / width, known.error_periods),
                 scale=0.5 / width,
                 starts=periods,
+                shape=not known.error_amplitude,
             ),
             Parameter(
                 name="phase",
@@ -162,6 +163,7 @@ class KinematicError(JointEffect):
                 upper=2 * np.pi,
                 scale=0.3,
                 starts=phases,
+                shape=not known.error_amplitude,
             ),
         )
 

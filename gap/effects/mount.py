@@ -79,6 +79,7 @@ class MountCompliance(Effect):
                 upper=1.0,
                 scale=0.05,
                 starts=(0.1,) * len(_RESONANCES),
+                shape=True,
             ),
         )
 

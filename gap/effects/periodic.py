@@ -97,6 +97,7 @@ class _Periodic(LawEffect):
                 upper=highest,
                 scale=0.1 * turn,
                 starts=tuple(float(np.clip(wave.periods, fewest, highest)) for wave in starts),
+                shape=not known["amplitude"],
             ),
             Parameter(
                 name="phase",
@@ -106,6 +107,7 @@ class _Periodic(LawEffect):
                 upper=_TURNS,
                 scale=0.5,
                 starts=tuple(wave.phase for wave in starts),
+                shape=not known["amplitude"],
             ),
         )
 

@@ -150,6 +150,7 @@ class SeriesElasticity(JointEffect):
                 upper=1.0,
                 scale=0.05,
                 starts=(0.1,) * len(tries),
+                shape=True,
             ),
             _side(tries),
             *rotor,
@@ -187,6 +188,7 @@ def _side(tries: Sequence[tuple[float, float, float]]) -> Parameter:
         scale=0.5,
         starts=tuple(side for _, side, _ in tries),
         choice=True,
+        shape=True,
     )
 
 
@@ -218,6 +220,7 @@ def _rotor(
             upper=20 * max(starts),
             scale=5 * starts[0],
             starts=starts,
+            shape=True,
         ),
     )
 

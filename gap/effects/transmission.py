@@ -60,6 +60,7 @@ class ParallelSpring(JointEffect):
                 upper=middle + reach,
                 scale=0.3 * excursion.range,
                 starts=(middle, excursion.lower, excursion.upper, middle),
+                shape=not robot.model.jnt_stiffness[joint.id],
             ),
         )
 

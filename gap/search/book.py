@@ -205,14 +205,15 @@ def _estimated(problem: Problem, one: Fit, slopes: Slopes) -> bool:
 def known_errors(problem: Problem, one: Fit, slopes: Slopes) -> FloatArray:
     """(n_parameters,) standard errors between each value and that which changes nothing.
 
-    In the light of all that the model still lacks.
+    In the light of all that the model still lacks; 0 for numbers that change nothing by themselves.
     """
     problem.screen.refine(one)
     variance, _ = covariance(
         problem.fit.objective, one, problem.noise, slopes, problem.screen.objective
     )
     std = np.sqrt(np.maximum(np.diag(variance), 0.0))
-    away = np.abs(one.values - one.structure.zero)
+    shapes = np.array([slot.parameter.shape for slot in one.structure.slots], dtype=bool)
+    away = np.where(shapes, 0.0, np.abs(one.values - one.structure.zero))
     errors: FloatArray = away / np.where(std > 0, std, np.inf)
     return errors
 

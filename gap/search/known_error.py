@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from walkerkit.gap.search.structure import Structure
 FloatArray = NDArray[np.float64]
 
 _SAME_ERROR = 0.05  # of a number's scale, over which that hardly changes
-_NO_MATTER = 0.03  # of a gap, which a numerical error may change
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,40 +23,40 @@ class KnownError:
         structure: what they are values of.
         values: (n_parameters,).
         error: the error.
-        size: (n_scored,) root mean square of it.
     """
 
     structure: Structure
     values: FloatArray
     error: NumericalError
-    size: FloatArray
 
-    def suits(self, structure: Structure, values: FloatArray, gap: FloatArray) -> bool:
-        """Whether it is as good as that at other values.
-
-        Either these are nearly the same, or it is small beside the gap and all that is there was
-        there, too.
+    def is_near(self, structure: Structure, values: FloatArray) -> bool:
+        """Whether other values are nearly the same, so that their error is.
 
         Args:
             structure: what they are values of.
             values: (n_parameters,).
-            gap: (n_scored,) that they leave, with the numerical error in it.
         """
-        if structure.key == self.structure.key:
-            # The error of a delay between two steps is another than that of whole steps.
-            late = np.array([slot.parameter.is_delay for slot in structure.slots], dtype=bool)
-            near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
-            if (np.abs(values - self.values) <= near).all():
-                return True
-        return bool(
-            self.error.ways
-            and self.error.starts is None
-            and (self.size <= _NO_MATTER * gap).all()
-            and _there(structure, values) <= _there(self.structure, self.values)
-        )
+        if structure.key != self.structure.key:
+            return False
+        # The error of a delay between two steps is another than that of whole steps.
+        late = np.array([slot.parameter.is_delay for slot in structure.slots], dtype=bool)
+        near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
+        return bool((np.abs(values - self.values) <= near).all())
 
+    def moved(self, change: FloatArray) -> FloatArray:
+        """How another error differs.
 
-def _there(structure: Structure, values: FloatArray) -> set[str]:
-    """The effects that some value makes differ from nothing."""
-    changed = zip(structure.slots, values, structure.zero, strict=True)
-    return {slot.term.effect.name for slot, value, zero in changed if value != zero}
+        Args:
+            change: (rows, n_scored) of half the timestep, of whole segments; 0 elsewhere.
+
+        Returns:
+            (rows, n_scored), what there is of it in the same segments.
+        """
+        there = change[None].copy()
+        self.error.free(there)
+        found: FloatArray = there[0] - self.error.changes[self.error.ways.index("half")]
+        return found
+
+    def times(self, factor: FloatArray) -> KnownError:
+        """The error of residuals that are so many times as large, (rows, n_scored)."""
+        return replace(self, error=replace(self.error, changes=factor * self.error.changes))

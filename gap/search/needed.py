@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.book import known_errors
+from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.compare import Member
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
 from walkerkit.gap.search.problem import Problem
@@ -62,9 +63,16 @@ def _not_known(
         structure without a rare one where that is known least, if it is not known there.
     """
     structure, errors = one.structure, known_errors(problem, one, slopes)
+    stopped = ran_away(one)
     least: dict[str, tuple[float, str]] = {}
     for term in structure.terms:
-        own = {place: float(errors[structure.columns(term, place)].max()) for place in term.places}
+        columns = {place: structure.columns(term, place) for place in term.places}
+        # What ran into a bound is no estimate, and what ends there is none of the rest.
+        rare = not term.effect.ordinary
+        own = {
+            place: 0.0 if rare and stopped[its].any() else float(errors[its].max())
+            for place, its in columns.items()
+        }
         if term.effect.fitted and not term.effect.ordinary and min(own.values()) < KNOWN:
             places = tuple(place for place in own if place != min(own, key=own.__getitem__))
             if term.shared or not places:

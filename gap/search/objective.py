@@ -35,6 +35,8 @@ _Float = TypeVar("_Float", np.float32, np.float64)
 
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
 _REMEMBERED = 4  # values at which the numerical error is known
+_EVERY = 8  # segments, of which one is simulated to see whether that is still as it was
+_NO_MATTER = 0.03  # of a gap, which another numerical error may change
 _COARSE = 6  # times the floor; changes by more, of a finer timestep, a still finer one tells better
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _PASSES = 3  # of freeing a gap of errors of its starts, and finding what is left of it
@@ -117,8 +119,10 @@ class Objective:
             trust: (n_blocks, n_scored) by how much the squares of each count.
         """
         other = copy(self)
-        other._refined = deque(maxlen=_REMEMBERED)
         other.root = np.sqrt(trust)[self.block]
+        more = other.root if self.root is None else other.root / self.root
+        known = (one.times(more) for one in self._refined if one.error.starts is None)
+        other._refined = deque(known, maxlen=_REMEMBERED)
         other.leave_as_simulated()
         return other
 
@@ -142,19 +146,55 @@ class Objective:
         """As `refine`, of this objective alone, whose residual (rows, n_scored) may be known."""
         refine([(self, finer, case)], own)
 
-    def _remembers(self, case: Case, own: FloatArray) -> bool:
+    def _remembers(self, case: Case, own: FloatArray, finer: Objective) -> bool:
         """Whether the numerical error is known well enough at these values; it is that one then.
 
         Args:
             case: one row of values.
             own: (rows, n_scored) the residual as simulated.
+            finer: the same recordings at half the timestep.
         """
-        gap = np.sqrt(self.mean_square(own) + self.floor**2)
-        for known in self._refined:
-            if known.suits(case.structure, case.values[0], gap):
-                self.numerical = known.error
-                return True
-        return False
+        near = [k for k in self._refined if k.is_near(case.structure, case.values[0])]
+        found = near[0] if near else self._still_as(case, own, finer)
+        if found is None:
+            return False
+        self.numerical = found.error
+        return True
+
+    def _still_as(self, case: Case, own: FloatArray, finer: Objective) -> KnownError | None:
+        """The known numerical error that a few segments show to be that at other values, too."""
+        others = [known for known in self._refined if known.error.ways]
+        if not others or finer.few is None or not np.isfinite(own).all():
+            return None
+        few, rows = finer.few
+        there = few.simulated([case])[0][0]
+        if not np.isfinite(there).all():
+            return None
+        change = np.zeros(own.shape)
+        change[rows] = there * (1.0 if self.root is None else self.root[rows]) - own[rows]
+        gap = np.square(own[rows]).sum(axis=0) + few.count * self.floor**2
+        moved = [np.square(known.moved(change)[rows]).sum(axis=0) for known in others]
+        least = int(np.argmin([(one / gap).max() for one in moved]))
+        if (moved[least] > _NO_MATTER**2 * gap).any():
+            return None
+        found = replace(others[least], structure=case.structure, values=case.values[0])
+        self._refined.append(found)
+        return found
+
+    @cached_property
+    def few(self) -> tuple[Objective, NDArray[np.bool_]] | None:
+        """A few of the segments, and (rows,) which rows are theirs; None where there is one."""
+        parts, masks = [], []
+        for replay in self.replays:
+            count = len(replay.segments)
+            which = np.zeros(count, dtype=bool)
+            which[min(_EVERY, count) // 2 :: _EVERY] = True
+            parts.append(replay.of_segments(np.flatnonzero(which)))
+            masks.append(which[replay.segment_of_row])
+        if all(mask.all() for mask in masks):
+            return None
+        part = Objective(parts, self.channels, self.floor, n_threads=self.n_threads)
+        return part, np.concatenate(masks)
 
     def _started(self, case: Case) -> Case | None:
         """A row of values from starts that are off by what the measurement leaves open."""
@@ -188,10 +228,7 @@ class Objective:
                 variance = self.mean_square(left[0]) + self.floor**2
                 starts = Starts(*self.spans, changes, variance)
                 self.numerical = error.beside(starts)
-        size = np.sqrt(self.mean_square(error.changes).sum(axis=0))
-        known = KnownError(
-            structure=case.structure, values=case.values[0], error=self.numerical, size=size
-        )
+        known = KnownError(structure=case.structure, values=case.values[0], error=self.numerical)
         self._refined.append(known)
 
     def moves(self, only: Sequence[int | None]) -> Moves:
@@ -453,7 +490,7 @@ def refine(
         known = own if k == 0 else None
         if one._refined and known is None:
             known = one.simulated([case])[0][0]
-        if known is None or not one._remembers(case, known):
+        if known is None or not one._remembers(case, known, finer["half"]):
             # What was wanted the last time is asked for at once, to be done side by side.
             asked = [way for way in finer if one._coarse or way != "quarter"]
             started = one._started(case)

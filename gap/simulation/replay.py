@@ -10,7 +10,7 @@ recorded past commands; a trial that diverges predicts NaN.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -116,6 +116,11 @@ class Replay:
     def longest(self) -> int:
         """Steps of its longest segment."""
         return max((group.steps for group in self._groups), default=0)
+
+    def of_segments(self, which: Iterable[int]) -> Replay:
+        """Some of the segments alone."""
+        some = [self.segments[k] for k in which]
+        return Replay(self.robot, some, self.channels, hold=self._hold, n_threads=self.n_threads)
 
     def on(self, robot: Robot, channels: Sequence[Channel] | None = None) -> Replay:
         """The same segments on another robot; of other channels where these are given."""

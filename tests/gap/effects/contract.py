@@ -100,6 +100,20 @@ class EffectContract:
         )
 
     @pytest.mark.parametrize("variant", ["plain", "awkward"])
+    def test_what_shapes_it_changes_nothing_by_itself(self, variant, request):
+        robot, recording = self.log_of(variant, request)
+        structure = Structure((self.term(robot),), (robot,))
+        every = np.array([slot.parameter.starts[-1] for slot in structure.slots])
+        shapes = np.array([slot.parameter.shape for slot in structure.slots])
+        values = np.stack([structure.zero, np.where(shapes, every, structure.zero)])
+        nothing, shaped = replayed(
+            robot, recording.between(0.0, BRIEF), structure.trials(robot, values)
+        )
+        np.testing.assert_array_equal(shaped, nothing)
+        for place in structure.terms[0].places:
+            assert not shapes[structure.columns(structure.terms[0], place)].all()
+
+    @pytest.mark.parametrize("variant", ["plain", "awkward"])
     def test_parameters_agree_with_each_other(self, variant, request):
         robot, _ = request.getfixturevalue(variant)
         for site in self.term(robot).sites:
