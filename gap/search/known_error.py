@@ -22,12 +22,14 @@ class KnownError:
     Attributes:
         structure: what they are values of.
         values: (n_parameters,).
-        error: the error.
+        error: the error, without what errors in starting states change.
+        started: (k, rows, n_scored) what these change; None where they are taken as they are.
     """
 
     structure: Structure
     values: FloatArray
     error: NumericalError
+    started: FloatArray | None
 
     def is_near(self, structure: Structure, values: FloatArray) -> bool:
         """Whether other values are nearly the same, so that their error is.
@@ -43,20 +45,16 @@ class KnownError:
         near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
         return bool((np.abs(values - self.values) <= near).all())
 
-    def moved(self, change: FloatArray) -> FloatArray:
-        """How another error differs.
-
-        Args:
-            change: (rows, n_scored) of half the timestep, of whole segments; 0 elsewhere.
-
-        Returns:
-            (rows, n_scored), what there is of it in the same segments.
-        """
-        there = change[None].copy()
-        self.error.free(there)
-        found: FloatArray = there[0] - self.error.changes[self.error.ways.index("half")]
+    @property
+    def of_half(self) -> FloatArray:
+        """(rows, n_scored) what half the timestep changes."""
+        found: FloatArray = self.error.changes[self.error.ways.index("half")]
         return found
 
     def times(self, factor: FloatArray) -> KnownError:
-        """The error of residuals that are so many times as large, (rows, n_scored)."""
-        return replace(self, error=replace(self.error, changes=factor * self.error.changes))
+        """That of residuals that are so many times as large, (rows, n_scored)."""
+        return replace(
+            self,
+            error=replace(self.error, changes=factor * self.error.changes),
+            started=None if self.started is None else factor * self.started,
+        )

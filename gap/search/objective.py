@@ -121,7 +121,7 @@ class Objective:
         other = copy(self)
         other.root = np.sqrt(trust)[self.block]
         more = other.root if self.root is None else other.root / self.root
-        known = (one.times(more) for one in self._refined if one.error.starts is None)
+        known = (one.times(more) for one in self._refined)
         other._refined = deque(known, maxlen=_REMEMBERED)
         other.leave_as_simulated()
         return other
@@ -155,10 +155,12 @@ class Objective:
             finer: the same recordings at half the timestep.
         """
         near = [k for k in self._refined if k.is_near(case.structure, case.values[0])]
-        found = near[0] if near else self._still_as(case, own, finer)
-        if found is None:
+        known = near[0] if near else self._still_as(case, own, finer)
+        if known is None:
             return False
-        self.numerical = found.error
+        self._take(known, own)
+        if not near:
+            self._refined.append(replace(known, structure=case.structure, values=case.values[0]))
         return True
 
     def _still_as(self, case: Case, own: FloatArray, finer: Objective) -> KnownError | None:
@@ -170,16 +172,14 @@ class Objective:
         there = few.simulated([case])[0][0]
         if not np.isfinite(there).all():
             return None
-        change = np.zeros(own.shape)
-        change[rows] = there * (1.0 if self.root is None else self.root[rows]) - own[rows]
-        gap = np.square(own[rows]).sum(axis=0) + few.count * self.floor**2
-        moved = [np.square(known.moved(change)[rows]).sum(axis=0) for known in others]
-        least = int(np.argmin([(one / gap).max() for one in moved]))
-        if (moved[least] > _NO_MATTER**2 * gap).any():
-            return None
-        found = replace(others[least], structure=case.structure, values=case.values[0])
-        self._refined.append(found)
-        return found
+        change = there * (1.0 if self.root is None else self.root[rows]) - own[rows]
+        # Block by block, of which few wild ones hold most of a gap, and of its numerical error.
+        counts = np.maximum(few.block_counts(), 1)
+        gap = few.block_squares(own[rows]) / counts + self.floor**2
+        moved = [few.block_squares(change - known.of_half[rows]) / counts / gap for known in others]
+        largest = [float(one.mean(axis=0).max()) for one in moved]
+        least = int(np.argmin(largest))
+        return others[least] if largest[least] <= _NO_MATTER**2 else None
 
     @cached_property
     def few(self) -> tuple[Objective, NDArray[np.bool_]] | None:
@@ -219,17 +219,30 @@ class Objective:
             others: as `NumericalError.of` has them.
             started: (k, rows, n_scored) from other starts, or None.
         """
-        self.numerical = error = NumericalError.of(own, others)
-        if started is not None and np.isfinite(started).all():
-            changes = started - own
-            for _ in range(_PASSES):
-                left = own[None].copy()
-                self.take_out_numerical_error(left)
-                variance = self.mean_square(left[0]) + self.floor**2
-                starts = Starts(*self.spans, changes, variance)
-                self.numerical = error.beside(starts)
-        known = KnownError(structure=case.structure, values=case.values[0], error=self.numerical)
+        if started is not None:
+            started = started - own if np.isfinite(started).all() else None
+        known = KnownError(
+            structure=case.structure,
+            values=case.values[0],
+            error=NumericalError.of(own, others),
+            started=started,
+        )
+        self._take(known, own)
         self._refined.append(known)
+
+    def _take(self, known: KnownError, own: FloatArray) -> None:
+        """Takes a numerical error, and what errors in starts make, out of what will be simulated.
+
+        How much starts can make depends on what is left of the residual, (rows, n_scored).
+        """
+        self.numerical = known.error
+        if known.started is None:
+            return
+        for _ in range(_PASSES):
+            left = own[None].copy()
+            self.take_out_numerical_error(left)
+            variance = self.mean_square(left[0]) + self.floor**2
+            self.numerical = known.error.beside(Starts(*self.spans, known.started, variance))
 
     def moves(self, only: Sequence[int | None]) -> Moves:
         """Puts moves in different branches of the robots into one row.
