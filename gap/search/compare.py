@@ -152,10 +152,30 @@ class Table:
         has = [not member.effects.keys().isdisjoint(effects) for member in self.members]
         return float(min(1.0, self.weights[has].sum()))
 
-    def worth_without(self, effects: Collection[str]) -> float:
-        """The worth of the best structure that has none of some effects."""
+    def share(self, effects: Collection[str], quantities: Sequence[str]) -> float:
+        """What of the gap of the smallest structure comes back without some effects.
+
+        Squared gaps of all channels of a quantity are added up, as in the gap that is told, so that
+        joints with small gaps count little; of quantities the mean.
+
+        Args:
+            effects: names of them.
+            quantities: (n_scored,) that of each channel.
+
+        Returns:
+            By the best structure that has none of them; infinity where none was fitted.
+        """
         lacks = [member.effects.keys().isdisjoint(effects) for member in self.members]
-        return float(self.worth[lacks].max(initial=-np.inf))
+        if not any(lacks):
+            return np.inf
+        without = self.members[int(np.argmax(np.where(lacks, self.worth, -np.inf)))]
+        smallest = min(self.members, key=lambda member: len(member.effects))
+        squares = np.stack([m.scores.squares.sum(axis=0) for m in (without, self.best, smallest)])
+        shares = []
+        for quantity in dict.fromkeys(quantities):
+            back, left, whole = squares[:, [own == quantity for own in quantities]].sum(axis=1)
+            shares.append((back - left) / max(whole, np.finfo(float).tiny))
+        return float(np.mean(shares))
 
     def exchanges(self, effect: str) -> dict[str, Member]:
         """What could be in an effect's place.

@@ -92,19 +92,23 @@ def _better_read(
         "targets read otherwise between their samples"
     ):
         return None
+
+    def fitted(one: Problem, start: Fit, near: Slopes | None = None, leader: float = np.inf) -> Fit:
+        return settled(one.fit, start, near, passes=_PASSES, leader=leader, on_steps=False)
+
     problem.fit.refine(known)
     before = _beside_all_that_is_ordinary(problem, known)
     slopes: Slopes | None = linearised(problem.fit.objective, before)
     if before.structure.key == known.structure.key:
         before = problem.fit.by_own_error(before)
     else:
-        before, slopes = settled(problem.fit, before, slopes, passes=_PASSES), None
+        before, slopes = fitted(problem, before, slopes), None
     better = before.score - _MARGIN
-    found = [settled(other.fit, before, slopes, passes=_PASSES, leader=better) for other in others]
+    found = [fitted(other, before, slopes, better) for other in others]
     best = int(np.argmin([one.score for one in found]))
     if found[best].score < better:
         # What it has found may be better with held targets, too.
-        again = settled(problem.fit, found[best], passes=_PASSES)
+        again = fitted(problem, found[best])
         if found[best].score < again.score - _MARGIN:
             return others[best]
     return None

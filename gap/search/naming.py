@@ -333,7 +333,8 @@ def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: s
         name: the other effect's, in the catalogue.
 
     Returns:
-        The best fit from any of the other's starts; None where it cannot act on these robots.
+        The best fit to a part of the recordings from any of the other's starts; None where it
+        cannot act on these robots.
     """
     final = explanation.fit
     found = candidate_terms([CATALOGUE[name]], problem.robots, problem.joints)
@@ -343,8 +344,8 @@ def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: s
     sites = tuple(site for site in other.sites if site in term.sites)
     if sites and not other.shared:
         other = replace(other, sites=sites)
-    half = problem.whole if explanation.whole else problem.fit
-    half.refine(final)
+    part = problem.screen
+    part.refine(final)
     structure = final.structure.without_term(term).with_term(other)
     values, new = carried(final.values, final.structure, structure), structure.columns(other)
     parameters = [structure.slots[k].parameter for k in new]
@@ -355,7 +356,7 @@ def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: s
         starts.append((structure, start))
     if not starts:
         return None
-    fits = polished(half.objective, evaluate(half.objective, starts), iterations=_REFITS)
+    fits = polished(part.objective, evaluate(part.objective, starts), iterations=_REFITS)
     best = min(fits, key=lambda one: one.score)
     return best if np.isfinite(best.score) else None
 
@@ -366,7 +367,7 @@ def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) ->
     named = [_named(problem, table, term, final) for term in final.structure.terms]
     return Explanation(
         fit=final if whole is None else whole,
-        named=tuple(sorted(named, key=lambda one: _rank(table, one))),
+        named=tuple(sorted(named, key=lambda one: _rank(problem, table, one))),
         table=table,
         gains=book.gains,
         searched=searched,
@@ -375,10 +376,11 @@ def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) ->
     )
 
 
-def _rank(table: Table, one: Named) -> tuple[float, float]:
-    """The surest first; of those that are as sure, the one that matters most."""
-    without = table.worth_without({one.term.effect.name, *one.equivalent})
-    return -round(one.confidence, 2), without
+def _rank(problem: Problem, table: Table, one: Named) -> tuple[float, float]:
+    """The surest first; of those as sure, the one without which most of the gap is back."""
+    quantities = [channel.quantity for channel in problem.channels]
+    share = table.share({one.term.effect.name, *one.equivalent}, quantities)
+    return -round(one.confidence, 2), -share
 
 
 def _unknown(problem: Problem, final: Fit) -> float | None:

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.effects import EVERYWHERE
 from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import CONVERGED, fits_finished, polish
 from walkerkit.gap.search.half import Half
@@ -38,6 +39,7 @@ def settled(
     passes: int,
     iterations: int = 20,
     leader: float = np.inf,
+    on_steps: bool = True,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> Fit:
@@ -52,6 +54,7 @@ def settled(
         passes: of fitting, the most.
         iterations: of each pass, the most.
         leader: a score; a fit too far behind it to catch up at its pace goes no further.
+        on_steps: also with delays of whole steps.
         progress: called before each step.
         stage: what it is told.
 
@@ -83,7 +86,7 @@ def settled(
             if best.score <= found.score + CONVERGED:
                 break
             best, slopes = found, after.at_another_error(objective, found)
-        for values in _on_steps(objective, best) if best.score < leader else ():
+        for values in _on_steps(objective, best) if on_steps and best.score < leader else ():
             there = half.by_own_error(replace(best, values=values))
             if there.score < best.score - CONVERGED:
                 from_there, _ = improved(there, None, certain=False)
@@ -189,15 +192,33 @@ def _in_one(half: Half, start: Fit, make: Callable[[], Fit]) -> Fit:
 
 
 def _on_steps(objective: Objective, one: Fit) -> Iterator[FloatArray]:
-    """A fit's values with each delay as long as whole steps, a little less and a little more.
+    """A fit's values with each delay as long as whole steps, and with one delay in another.
 
-    Between two steps a simulation is late by a mixture of both, which has an error of its own.
+    Between two steps a simulation is late by a mixture of both, which has an error of its own. And
+    of two delays in a row the recordings tell the sum much better than the parts.
     """
     lower, upper = one.structure.bounds
     step = max(replay.robot.model.opt.timestep for replay in objective.replays)
-    for k, slot in enumerate(one.structure.slots):
-        if slot.parameter.is_delay and lower[k] < one.values[k] < upper[k]:
-            for to_step in (np.floor, np.ceil):
+    slots = one.structure.slots
+    late = [
+        k
+        for k, slot in enumerate(slots)
+        if slot.parameter.is_delay and lower[k] < one.values[k] < upper[k]
+    ]
+    for k in late:
+        for to_step in (np.floor, np.ceil):
+            values = one.values.copy()
+            values[k] = np.clip(step * to_step(values[k] / step), lower[k], upper[k])
+            yield values
+    for k in late:
+        for term in one.structure.terms:
+            into = [
+                i
+                for i in late
+                if slots[i].term is term and slots[k].place in (slots[i].place, EVERYWHERE)
+            ]
+            if into and term is not slots[k].term:
                 values = one.values.copy()
-                values[k] = np.clip(step * to_step(values[k] / step), lower[k], upper[k])
+                values[into] = np.clip(values[into] + values[k], lower[into], upper[into])
+                values[k] = slots[k].parameter.zero
                 yield values
