@@ -250,11 +250,11 @@ def _begun(problem: Problem, terms: Sequence[Term], progress: Progress | None) -
     start = min(evaluate(objective, starts), key=lambda one: one.score)
     found, _ = polish(objective, start, near_enough=True, progress=progress)
     left = [term for term in terms if not term.effect.ordinary]
-    objective = problem.race.objective
+    objective = problem.excerpt.objective
     while left:
         if progress:
             progress("screening", 1 - len(left) / len(terms))
-        problem.race.refine(found)
+        problem.excerpt.refine(found)
         (found,) = evaluate(objective, [(found.structure, found.values)])
         # What explains most comes first: the start of the others is then judged beside it.
         tried = improve(objective, screen(objective, found, left), iterations=2)

@@ -30,10 +30,9 @@ FloatArray = NDArray[np.float64]
 _Polishing = Generator[Fit | Case, Any, tuple[Fit, Slopes]]
 
 _DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
-CONVERGED, _CONVERGED_IN_RACE = 3e-4, 2e-3  # of the score
+CONVERGED = 3e-4  # of the score
 _KEEPS = 0.5  # of its promise that a whole step has to keep
 _KEPT = 2**28  # bytes of slopes that are carried along
-_RACED, _FEWEST_RACED = 64, 3  # steps in a race, times numbers; and whatever their number
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
 
@@ -59,9 +58,7 @@ def fit(
     starts: Sequence[Fit],
     *,
     iterations: int = 8,
-    race: Sequence[int] | None = None,
     near: Slopes | None = None,
-    leader: float = np.inf,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> list[Fit]:
@@ -71,10 +68,7 @@ def fit(
         objective: what to fit.
         starts: structures with values and their score.
         iterations: the most steps any of them may take.
-        race: the race that each start is in, to give up on a structure that is too far behind the
-            best of its race to catch up at its pace; None to take all to their end.
         near: slopes of a fit that has numbers in common with all starts, to begin with.
-        leader: a score; those too far behind it to catch up at their pace go no further.
         progress: called before each step.
         stage: what it is told.
 
@@ -83,7 +77,7 @@ def fit(
     """
     return fits_finished(
         [(start.structure, start.values) for start in starts],
-        lambda: _fit(objective, starts, iterations, race, near, leader, progress, stage),
+        lambda: _fit(objective, starts, iterations, near, progress, stage),
     )
 
 
@@ -91,9 +85,7 @@ def _fit(
     objective: Objective,
     starts: Sequence[Fit],
     iterations: int,
-    race: Sequence[int] | None,
     near: Slopes | None,
-    leader: float,
     progress: Progress | None,
     stage: str,
 ) -> list[Fit]:
@@ -110,12 +102,8 @@ def _fit(
         if progress:
             progress(stage, min(taken[i] for i in active) / iterations)
         cases = _next_steps(objective, best, active, slopes)
-        # They may be right along the last step and nowhere else, so that only a race trusts that.
-        trusted = {
-            i
-            for i in active
-            if i not in slopes or slopes[i].fresh or (race is not None and slopes[i].right)
-        }
+        # They may be right along the last step and nowhere else.
+        trusted = {i for i in active if i not in slopes or slopes[i].fresh}
         gains: dict[int, float] = {}
         for i, case, residual in zip(active, cases, _residuals(objective, cases), strict=True):
             better, there = _best(objective, case, residual)
@@ -127,12 +115,9 @@ def _fit(
                 best[i] = better
         active, before = [], active
         for i in before:
-            ahead = leader if race is None else min(leader, _leader(best, race, race[i]))
-            least = CONVERGED if race is None else _CONVERGED_IN_RACE
-            if gains[i] > least and best[i].score - ahead < _PACES * gains[i]:
+            if gains[i] > CONVERGED:
                 taken[i] += 1
-                most = iterations if race is None else _RACED // len(best[i].values)
-                if taken[i] < min(iterations, max(_FEWEST_RACED, most)):
+                if taken[i] < iterations:
                     active.append(i)
             elif i not in trusted:
                 del slopes[i]  # which cannot say that there is no more
@@ -311,7 +296,6 @@ def polished(
     certain: bool = True,
     near_enough: bool = False,
     own: Sequence[Objective] | None = None,
-    leader: float = np.inf,
     progress: Progress | None = None,
     stage: str = "fitting",
 ) -> list[Fit]:
@@ -325,7 +309,6 @@ def polished(
         certain: as there.
         near_enough: as there.
         own: for each start the objective that it is to be fitted to instead.
-        leader: a score; those too far behind it to catch up at their pace go no further.
         progress: called before each step.
         stage: what it is told.
     """
@@ -343,7 +326,6 @@ def polished(
                 iterations=iterations,
                 certain=certain,
                 near_enough=near_enough,
-                leader=leader,
                 progress=progress,
                 stage=stage,
             )
@@ -417,10 +399,6 @@ def fits_finished(
         lambda fits: [packed([f.values, np.array(f.score), f.mean_square]) for f in fits],
         unpack,
     )
-
-
-def _leader(fits: Sequence[Fit], race: Sequence[int], which: int) -> float:
-    return min(one.score for one, own in zip(fits, race, strict=True) if own == which)
 
 
 def _steps(one: Fit, normal: FloatArray, gradient: FloatArray) -> FloatArray:

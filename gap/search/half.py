@@ -29,8 +29,10 @@ Remake = Callable[[Robot], Robot]
 _REFINEMENT = 2  # how many times finer the timestep is that shows the numerical error
 # Whole rollouts are searched in stretches: side by side they take less time, and tell as much.
 STRETCH, _SCREEN_STRETCH = 1.5, 1.0  # s
-_RACE_STEPS, _SCREEN_STEPS = 12_000, 4_000
-_RACE_STEPS_ON_FEET = 6_000  # of a floating base, whose many channels tell as much in half the time
+_EXCERPT_STEPS, _SCREEN_STEPS = 12_000, 4_000
+_EXCERPT_STEPS_ON_FEET = (
+    6_000  # of a floating base, whose many channels tell as much in half the time
+)
 _TELLS_AS_MUCH = 0.03  # of a gap, which longer steps may change
 
 REMADE: Mapping[Way, Remake] = {
@@ -105,7 +107,7 @@ class Searched:
         longer: how many times the timesteps may be.
 
     Attributes:
-        race: what candidates are first fitted on.
+        excerpt: longer parts, to which all that is ordinary is fitted before it is to the rest.
         screen: short parts, on which every effect is tried.
     """
 
@@ -118,12 +120,12 @@ class Searched:
         longer: int,
     ):
         self._fit, self._part, self._longer = fit, part, longer
-        self._race_steps = _RACE_STEPS_ON_FEET if on_feet else _RACE_STEPS
+        self._excerpt_steps = _EXCERPT_STEPS_ON_FEET if on_feet else _EXCERPT_STEPS
         self._choose(Gaps(rows={}), 1)
 
     def look_at(self, case: Case) -> None:
         """Chooses them so that they hold their part of what one row of values leaves."""
-        if self.screen is self._fit:  # and so is the race, or it stays
+        if self.screen is self._fit:  # and so is the excerpt, or it stays
             return
         objective = self._fit.objective
         gaps = Gaps.of(objective, objective.simulated([case])[0][0])
@@ -141,7 +143,7 @@ class Searched:
         return other
 
     def _choose(self, gaps: Gaps, longer: int) -> None:
-        self.race = self._part(self._race_steps, STRETCH, gaps, longer)
+        self.excerpt = self._part(self._excerpt_steps, STRETCH, gaps, longer)
         self.screen = self._part(_SCREEN_STEPS, _SCREEN_STRETCH, gaps, longer)
 
 

@@ -94,9 +94,9 @@ class Problem:
         return self.fit.objective.channels
 
     @property
-    def race(self) -> Half:
+    def excerpt(self) -> Half:
         """What candidates are first fitted on: `fit`, or a part of it where it is long."""
-        return self.searched.race
+        return self.searched.excerpt
 
     @property
     def screen(self) -> Half:
@@ -105,8 +105,8 @@ class Problem:
 
     @property
     def parts(self) -> tuple[Half, ...]:
-        """The screen and the race, or the one half that both are."""
-        return (self.screen,) if self.screen is self.race else (self.screen, self.race)
+        """The screen and the excerpt, or the one half that both are."""
+        return (self.screen,) if self.screen is self.excerpt else (self.screen, self.excerpt)
 
     @cached_property
     def whole(self) -> Half:

@@ -94,5 +94,5 @@ def test_parts_never_take_longer_steps_than_mujoco_itself(tmp_path: Path) -> Non
 
 
 def test_what_is_no_longer_is_searched_whole(servo: Problem) -> None:
-    assert servo.race is servo.fit
+    assert servo.excerpt is servo.fit
     assert servo.screen is not servo.fit
