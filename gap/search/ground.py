@@ -15,12 +15,13 @@ from walkerkit.gap.effects import Effect, Parameter
 from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import polished
 from walkerkit.gap.search.half import Half
+from walkerkit.gap.search.like_joints import tied
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.settle import robustly, settled, trust_in_the_light_of
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried, extended
 
-_STEPS = 20  # of a fit to a part, the most
+_STEPS, _FIRST_STEPS = 20, 4  # of a fit to a part, the most, and up to the first answer
 _PASSES = 2  # of fitting and finding the numerical error again
 
 
@@ -70,36 +71,49 @@ def _fitted_to_a_part(
     stage: str,
     first: Callable[[Fit], None] | None,
 ) -> Fit:
-    """A fit to little of the recordings, with all at once or without delays first.
+    """A fit to little of the recordings; the first answer is that of a few steps as simulated.
 
-    A delay stands in for friction and gains where it is let loose first, and may not come back.
+    Where each number moves all channels, as on a floating base, it has one for each kind of joint.
     """
-    part.refine(start)
 
-    def improved(one: Fit) -> Fit:
+    def improved(one: Fit, steps: int = _STEPS) -> Fit:
         (found,) = polished(
             part.objective,
             [one],
-            iterations=_STEPS,
+            iterations=steps,
             near_enough=True,
             progress=progress,
             stage=stage,
         )
         return found
 
+    found = start
+    if first is not None:
+        few = tied(start) if set(start.structure.branches) == {None} else None
+        if few is not None:
+            found = few.apart(improved(few.start(start), _FIRST_STEPS))
+        else:
+            found = improved(start, _FIRST_STEPS)
+        first(found)
+    part.refine(start)
+    return _late_last_too(improved, start, improved(found))
+
+
+def _late_last_too(improved: Callable[[Fit], Fit], start: Fit, found: Fit) -> Fit:
+    """The better of a fit of all at once and one without delays first.
+
+    A delay stands in for friction and gains where it is let loose first, and may not come back.
+    """
     structure = start.structure
     prompt = [t for t in structure.terms if not any(p.is_delay for p in _parameters(structure, t))]
-    found = improved(start)
-    if first is not None:
-        first(found)
-    if 0 < len(prompt) < len(structure.terms):
-        fewer = Structure(tuple(prompt), structure.robots)
-        values = carried(start.values, structure, fewer)
-        without = improved(replace(start, structure=fewer, values=values))
-        values = carried(without.values, fewer, structure)
-        late_last = improved(replace(start, structure=structure, values=values))
-        found = min(found, late_last, key=lambda one: one.score)
-    return found
+    if not 0 < len(prompt) < len(structure.terms):
+        return found
+    fewer = replace(structure, terms=tuple(prompt))
+    values = carried(start.values, structure, fewer)
+    without = improved(replace(start, structure=fewer, values=values))
+    values = carried(without.values, fewer, structure)
+    late_last = improved(replace(start, structure=structure, values=values))
+    return min(found, late_last, key=lambda one: one.score)
 
 
 def _parameters(structure: Structure, term: Term) -> list[Parameter]:

@@ -8,11 +8,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Case, Fit
+
+FloatArray = NDArray[np.float64]
 
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _NEARLY_NOTHING = 0.1  # of all joints', where it was nothing else
@@ -29,24 +33,32 @@ def as_simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit)
     really missing, as a drive's damping.
     """
     terms = [term for term in problem.terms(effects) if not term.effect.fitted]
-    objective = problem.fit.objective
+    best = nothing
+    for term in terms:
+        structure = nothing.structure.with_term(term)
+        magnitudes = zip(*(slot.parameter.starts for slot in structure.slots), strict=True)
+        tries = Case(structure=structure, values=np.array(list(magnitudes)))
+        # Little of the recordings shows whether there is anything of it.
+        if not np.isfinite(_scores(problem, problem.excerpt.objective, nothing, tries)).any():
+            continue
+        scores = _scores(problem, problem.fit.objective, nothing, tries)
+        k = int(np.argmin(scores))
+        if np.isfinite(scores[k]):
+            (best,) = evaluate(problem.fit.objective, [(structure, tries.values[k])])
+    return best
+
+
+def _scores(problem: Problem, objective: Objective, nothing: Fit, tries: Case) -> FloatArray:
+    """(n_tries,) scores of better simulations; infinity where what they take off is not enough."""
     before = objective.as_it_is([nothing.case])[0][0]
     before = np.where(np.isnan(before), np.inf, before)  # a model that diverges
     motion = np.nanstd(objective.measured, axis=0)
     of_position = np.array([channel.signal == "position" for channel in objective.channels])
     least = np.maximum(_FAR_ABOVE * problem.noise, _OF_THE_MOTION * motion)
-    best = nothing
-    for term in terms:
-        structure = nothing.structure.with_term(term)
-        magnitudes = zip(*(slot.parameter.starts for slot in structure.slots), strict=True)
-        values = np.array(list(magnitudes))
-        tried = objective.as_it_is([Case(structure=structure, values=values)])[0]
-        gained = np.sqrt(np.maximum(before - tried, 0.0)) > least
-        most = (gained & (tried < _LEFT_OF_THE_GAP**2 * before) & of_position).any(axis=1)
-        nearly_all = (tried < _NEARLY_NOTHING**2 * before)[:, of_position].all(axis=1)
-        finest = values[:, 0] == values[:, 0].min()
-        right = most & (nearly_all | most[finest].any())
-        if right.any():
-            k = int(np.argmin(np.where(right, objective.score(tried), np.inf)))
-            (best,) = evaluate(problem.fit.objective, [(structure, values[k])])
-    return best
+    tried = objective.as_it_is([tries])[0]
+    gained = np.sqrt(np.maximum(before - tried, 0.0)) > least
+    most = (gained & (tried < _LEFT_OF_THE_GAP**2 * before) & of_position).any(axis=1)
+    nearly_all = (tried < _NEARLY_NOTHING**2 * before)[:, of_position].all(axis=1)
+    finest = tries.values[:, 0] == tries.values[:, 0].min()
+    right = most & (nearly_all | most[finest].any())
+    return np.where(right, objective.score(tried), np.inf)
