@@ -244,21 +244,21 @@ class _Search:
     ) -> None:
         """Enters what some effects promise on top of a fit.
 
-        Where a few wild blocks hold most of the gaps, promises and fits count them as little as the
-        comparison does.
+        Also where a few wild blocks do not outvote the rest.
         """
         problem, book = self._problem, self._book
         near = book.slopes(current)
+        found = proposals(
+            problem, current, near, effects, self._progress, pairs=pairs, always=always
+        )
         tame = without_the_wild(problem, current)
-        if tame is None:
-            found = proposals(
-                problem, current, near, effects, self._progress, pairs=pairs, always=always
+        if tame is not None:
+            its = near.trusting(tame.fit.objective, current)
+            again = proposals(
+                tame, tame.fit.by_own_error(current), its, effects, self._progress, pairs=pairs
             )
-        else:
-            its, start = near.trusting(tame.fit.objective, current), tame.fit.by_own_error(current)
-            some = proposals(tame, start, its, effects, self._progress, pairs=pairs, always=always)
             problem.fit.refine(current)
-            found = evaluate(problem.fit.objective, [(one.structure, one.values) for one in some])
+            found += evaluate(problem.fit.objective, [(one.structure, one.values) for one in again])
         for one in found:
             book.add(one, beside=current)
 
