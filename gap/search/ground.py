@@ -21,7 +21,7 @@ from walkerkit.gap.search.settle import robustly, settled, trust_in_the_light_of
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried, extended
 
-_STEPS, _FIRST_STEPS = 20, 4  # of a fit to a part, the most, and up to the first answer
+_STEPS, _FIRST_STEPS = 8, 4  # of a fit to a part, the most, and up to the first answer
 _PASSES = 2  # of fitting and finding the numerical error again
 
 
@@ -51,16 +51,17 @@ def ground(
     found = extended(nothing, terms)
     problem.searched.look_at(nothing.case)
     stage = "ordinary effects"
+    answer: Callable[[Fit], None] | None = first or (lambda fit: None)
     for part in problem.parts:
         if part is not problem.fit:
-            found = _fitted_to_a_part(part, found, progress, stage, first)
-            first = None
+            found = _fitted_to_a_part(part, found, progress, stage, answer)
+            answer = None
     found = settled(problem.fit, found, passes=_PASSES, progress=progress, stage=stage)
     if trust_in_the_light_of(problem.fit, found, problem.noise) is not None:
         slopes = linearised(problem.fit.objective, found)
         found = robustly(problem.fit, found, slopes, problem.noise)
-    if first is not None:
-        first(found)
+    if answer is not None:
+        answer(found)
     return found
 
 
@@ -73,7 +74,8 @@ def _fitted_to_a_part(
 ) -> Fit:
     """A fit to little of the recordings; the first answer is that of a few steps as simulated.
 
-    Where each number moves all channels, as on a floating base, it has one for each kind of joint.
+    Where each number moves all channels, as on a floating base, the first part is fitted with a
+    number for each kind of joint.
     """
 
     def improved(one: Fit, steps: int = _STEPS) -> Fit:
@@ -87,24 +89,29 @@ def _fitted_to_a_part(
         )
         return found
 
-    found = start
-    if first is not None:
-        few = tied(start) if set(start.structure.branches) == {None} else None
-        if few is not None:
-            found = few.apart(improved(few.start(start), _FIRST_STEPS))
-        else:
-            found = improved(start, _FIRST_STEPS)
+    coupled = set(start.structure.branches) == {None}
+    few = tied(start) if coupled else None
+    if first is None:
+        part.refine(start)
+        return improved(start) if few is not None else _late_last_too(improved, start)
+    if few is None:
+        found = improved(start, _FIRST_STEPS)
         first(found)
+        part.refine(start)
+        return _late_last_too(improved, start, found)
+    alike = few.start(start)
+    found = improved(alike, _FIRST_STEPS)
+    first(few.apart(found))
     part.refine(start)
-    return _late_last_too(improved, start, improved(found))
+    return few.apart(_late_last_too(improved, alike, found))
 
 
-def _late_last_too(improved: Callable[[Fit], Fit], start: Fit, found: Fit) -> Fit:
-    """The better of a fit of all at once and one without delays first.
+def _late_last_too(improved: Callable[[Fit], Fit], start: Fit, further: Fit | None = None) -> Fit:
+    """The better of a fit of all at once, from a start or from further on, and one of delays last.
 
     A delay stands in for friction and gains where it is let loose first, and may not come back.
     """
-    structure = start.structure
+    structure, found = start.structure, improved(further or start)
     prompt = [t for t in structure.terms if not any(p.is_delay for p in _parameters(structure, t))]
     if not 0 < len(prompt) < len(structure.terms):
         return found
