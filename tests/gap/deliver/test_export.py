@@ -65,6 +65,7 @@ def test_mjlab_gets_lags_in_steps_and_is_told_what_rounding_loses(saved):
     text = (done.folder / "robot.py").read_text()
     delay = mended.model.actuator_delay[0]
     assert f"delay_min_lag={round(delay / 0.002)}" in text
+    assert done.notes[0].startswith("the delay of hip, knee, ")  # one note for both
     assert "becomes" in done.notes[0]
     assert not (done.folder / "drivetrain.py").exists()
 
