@@ -53,12 +53,12 @@ def reapplied(
             )
     seen = {name: replace(_SLIGHT, voltage=_voltage(found, name)) for name in robot.joints}
     robot = replace(robot, excursions=seen)
-    trials, notes = Trials(robot, 1), list[str]()
+    trials, notes, left_out = Trials(robot, 1), list[str](), of_the_mount(found, robot)
     for of in found.effects:
         effect = CATALOGUE[of["effect"]]
         if wanted and effect.name not in wanted:
             continue
-        if effect.name in _OF_THE_RIG and robot.base is not None and found.robot.base is None:
+        if effect.name in left_out:
             notes.append(
                 f"{effect.name} was left out: it is of the mount on which the robot was "
                 "diagnosed, and this one floats."
@@ -68,6 +68,13 @@ def reapplied(
             effect.apply(trials, site, _values(of, effect, robot, site, notes)[None])
     mended = mend(trials)
     return replace(mended, hold=found.robot.hold or robot.hold), tuple(dict.fromkeys(notes))
+
+
+def of_the_mount(found: Findings, robot: Robot) -> tuple[str, ...]:
+    """Names of the effects that a robot lacks because it floats and the diagnosed one does not."""
+    if robot.base is None or found.robot.base is not None:
+        return ()
+    return tuple(of["effect"] for of in found.effects if of["effect"] in _OF_THE_RIG)
 
 
 def _voltage(found: Findings, joint: str) -> tuple[float, float, float] | None:
