@@ -20,6 +20,7 @@ from walkerkit.gap.simulation.trials import Trials
 # How far the joints went is not asked here; nothing that was found is too small to be there.
 _SLIGHT = Excursion(lower=-5e-7, upper=5e-7)
 _OF_THE_RIG = ("base_tilt", "mount_compliance")  # where the robot was mounted, not of the robot
+_OF_TARGETS = ("command_delay",)  # which of a servo is another thing than of a motor
 _DIGITS = 1e-5  # of a number in diagnosis.json
 _ADDS = 1e-4  # how well a sum has to be met by numbers of six digits
 
@@ -64,7 +65,10 @@ def reapplied(
                 "diagnosed, and this one floats."
             )
             continue
-        for site in _sites(found, of, effect, robot):
+        sites = _sites(found, of, effect, robot)
+        if effect.name in _OF_TARGETS:
+            notes += _other_targets(found, effect, sites, robot)
+        for site in sites:
             effect.apply(trials, site, _values(of, effect, robot, site, notes)[None])
     mended = mend(trials)
     return replace(mended, hold=found.robot.hold or robot.hold), tuple(dict.fromkeys(notes))
@@ -114,6 +118,25 @@ def _sites(found: Findings, of: Mapping[str, Any], effect: Effect, robot: Robot)
                 "the other effects with --effect."
             )
     return sites
+
+
+def _other_targets(
+    found: Findings, effect: Effect, sites: Sequence[str], robot: Robot
+) -> list[str]:
+    """Says where targets of other kinds are late than those of the diagnosed model."""
+    there, here = (
+        [sorted({drive.kind for drive in one.joints[site].drives}) for site in sites]
+        for one in (found.robot, robot)
+    )
+    other = [k for k in range(len(sites)) if there[k] != here[k]]
+    if not other:
+        return []
+    return [
+        f"{effect.name} was found where joints take {', '.join(there[other[0]])} targets. "
+        f"Joints of this model ({', '.join(sites[k] for k in other)}) take "
+        f"{', '.join(here[other[0]])} targets, and these are late now. Give the model with the "
+        "servos that were diagnosed (`walkerkit servo` writes them)."
+    ]
 
 
 def _check(
