@@ -412,17 +412,27 @@ def apply(
 def export(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a diagnosis.")],
     to: Annotated[str, typer.Option(help="mjlab, isaaclab, mjx or warp.")],
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            help="Another MJCF file of the same robot, as the one that floats; by default the "
+            "diagnosed one."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder to write; by default DIR/ and the trainer's name.")
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace what is in the folder.")
     ] = False,
+    allow_outside: AllowOutside = False,
 ) -> None:
     """Write a diagnosis in the words of a trainer: model, configs, laws, ranges."""
     from walkerkit.gap.deliver import export as export_to
 
-    done = export_to(folder, to, out=out, overwrite=overwrite)
+    done = export_to(
+        folder, to, model=model, out=out, overwrite=overwrite, allow_outside=allow_outside
+    )
     console = _console()
     lines = [f"Written: {path}" for path in done.files]
     lines += [f"Lost: {line}" for line in done.lost]

@@ -2,6 +2,7 @@
 
 exported = export("result", "mjlab")       # result/mjlab/robot.py, model.xml, randomization.py
 exported.lost                              # what the trainer cannot simulate, a line each
+export("result", "mjlab", model="go2.xml") # the same findings in the robot that floats
 """
 
 from __future__ import annotations
@@ -20,12 +21,19 @@ from walkerkit.gap.deliver import isaaclab, mjlab
 from walkerkit.gap.deliver.findings import Findings, read_findings
 from walkerkit.gap.deliver.law_code import all_laws, law_code
 from walkerkit.gap.deliver.randomization import posterior, randomization_code
+from walkerkit.gap.deliver.reapply import of_the_mount, reapplied
 from walkerkit.gap.deliver.trainers import MADE, TRAINERS, Trainer, way
 from walkerkit.gap.deliver.written import write_mended
 from walkerkit.gap.errors import InputError, closest
+from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.sidecar import with_sidecar
 
 Laws = Mapping[str, Mapping[str, Mapping[str, float]]]
+_FIXED = (
+    "the robot is fixed to the world here, as it was in the model that was diagnosed. --model FILE "
+    "exports the one that floats."
+)
 _SOLVED = 1e-9  # dry friction that makes MJX and Warp solve for more of it
 _USES = {
     "mjx": """Around every mjx.step, with JOINTS' columns in qpos and degrees of freedom:
@@ -64,23 +72,28 @@ def export(
     folder: str | Path,
     to: str,
     *,
+    model: str | Path | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
+    allow_outside: bool = False,
 ) -> Exported:
     """Writes a diagnosis in the words of a trainer.
 
     Args:
         folder: what `diagnose` has saved.
         to: `mjlab`, `isaaclab`, `mjx` or `warp`.
+        model: an MJCF file with joints of the same names, to export with what was found; by
+            default the model that was diagnosed.
         out: the folder to write; by default one of the trainer's name in that of the diagnosis.
         overwrite: whether files that are there may be replaced.
+        allow_outside: that model's files may lie outside of its folder.
 
     Returns:
         What was written, and what is lost.
 
     Raises:
-        InputError: the folder is none of ours, the trainer is unknown, or it cannot simulate the
-            model and would not say so.
+        InputError: the folder is none of ours, the trainer is unknown, it cannot simulate the
+            model and would not say so, or the effects cannot act on the model.
     """
     if to not in TRAINERS:
         raise InputError(
@@ -95,14 +108,21 @@ def export(
             f"{target}: is not empty. Give another folder with --out, or replace its files with "
             "--overwrite."
         )
-    check(found.robot, trainer, found.folder)
+    given, told = found.robot, tuple[str, ...]()
+    if model is not None:
+        given = with_sidecar(load_robot(model, allow_outside=allow_outside), Path(model))
+        mended, told = reapplied(found, given, ())
+        found = replace(found.without(of_the_mount(found, given)), robot=mended)
+    check(found.robot, trainer, found.folder if model is None else Path(model))
     target.mkdir(parents=True, exist_ok=True)
     robot, laws = suited(found.robot, trainer)
     for path in target.glob("*"):
         if path.is_file():
             path.unlink()
-    write_mended(found.robot, robot, target / "model.xml")
-    notes = _write_code(found, robot, laws, trainer, target)
+    write_mended(given, robot, target / "model.xml")
+    notes = (*told, *_write_code(found, robot, laws, trainer, target))
+    if model is None and given.base is None:
+        notes = (*notes, _FIXED)
     lost = tuple(
         f"{effect['effect']}: {found_way.says}"
         for effect in found.effects
@@ -167,7 +187,7 @@ def suited(robot: Robot, trainer: Trainer) -> tuple[Robot, Laws]:
     spec.compile()
     for actuator in spec.actuators:
         if ignores_delay and actuator.delay:
-            actuator.delay, actuator.nsample = 0.0, 0
+            actuator.delay, actuator.nsample, actuator.interp = 0.0, 0, 0
     for joint in spec.joints:
         if ignores_drag:
             joint.damping[1:] = 0.0

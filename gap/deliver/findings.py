@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,23 @@ class Findings:
         """The named effects, as in diagnosis.json."""
         effects: list[dict[str, Any]] = self.content["effects"]
         return effects
+
+    def without(self, names: Collection[str]) -> Findings:
+        """The diagnosis without some effects, their numbers and the correlations of these.
+
+        Args:
+            names: of the effects.
+        """
+        if not names:
+            return self
+        numbers = [effect["effect"] for effect in self.effects for _ in effect["parameters"]]
+        kept = [number for number, name in enumerate(numbers) if name not in names]
+        effects = [effect for effect in self.effects if effect["effect"] not in names]
+        content = {**self.content, "effects": effects}
+        if content.get("correlation"):
+            rows = content["correlation"]
+            content["correlation"] = [[rows[i][j] for j in kept] for i in kept]
+        return replace(self, content=content)
 
 
 def read_findings(folder: Path, *, given: Robot | None = None) -> Findings:

@@ -13,7 +13,7 @@ import numpy as np
 
 from walkerkit.actuators.drivetrain import CommandDelay, TorqueSpeedLimit
 from walkerkit.gap.deliver.law_code import driven
-from walkerkit.gap.deliver.mjlab import at, steps
+from walkerkit.gap.deliver.mjlab import at, lost_in_steps, steps
 from walkerkit.gap.simulation.robot import Robot
 
 Laws = Mapping[str, Mapping[str, Mapping[str, float]]]
@@ -40,7 +40,7 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
         laws: joint to law to its parameters.
     """
     found, notes, model = driven(robot, laws), list[str](), robot.model
-    dt, numbers = float(model.opt.timestep), found.numbers
+    dt, numbers, rounded = float(model.opt.timestep), found.numbers, dict[str, list[str]]()
     left: dict[str, Mapping[str, Mapping[str, float]]] = {}
     lines = []
     for number, joint in enumerate(found.joints):
@@ -68,7 +68,7 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
                 )
         elif delay is not None:
             kind = "DelayedPDActuatorCfg"
-            lag = steps(rest.pop(CommandDelay.name)["delay"], dt, joint, notes)
+            lag = steps(rest.pop(CommandDelay.name)["delay"], dt, joint, rounded)
             fields |= {"min_delay": lag, "max_delay": lag}
         if rest:
             left[joint] = rest
@@ -78,4 +78,4 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
         lines.append(f"    {joint!r}: {kind}({inside}\n    ),")
     gravity = tuple(float(f"{g:.6g}") for g in model.opt.gravity)
     text = _HEAD.format(dt=dt, gravity=gravity, actuators="\n".join(lines))
-    return text, left, tuple(notes)
+    return text, left, (*lost_in_steps(rounded), *notes)

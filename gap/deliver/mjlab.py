@@ -60,7 +60,7 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
         robot: the robot.
         laws: joint to law to its parameters.
     """
-    found, notes = driven(robot, laws), list[str]()
+    found, rounded = driven(robot, laws), dict[str, list[str]]()
     dt = float(robot.model.opt.timestep)
     groups: dict[tuple[str, tuple[tuple[str, Any], ...]], list[str]] = {}
     left: dict[str, Mapping[str, Mapping[str, float]]] = {}
@@ -69,7 +69,7 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
         own = dict(laws.get(joint, {}))
         beside = {*own} - {CommandDelay.name, TorqueSpeedLimit.name}
         delayed = not beside
-        lag = steps(own.get(CommandDelay.name, {}).get("delay", 0.0), dt, joint, notes)
+        lag = steps(own.get(CommandDelay.name, {}).get("delay", 0.0), dt, joint, rounded)
         fields: dict[str, Any] = {"delay_min_lag": lag, "delay_max_lag": lag} if lag else {}
         kind = "XmlActuatorCfg"
         limit = own.get(TorqueSpeedLimit.name)
@@ -96,6 +96,7 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
         replaced=tuple(replaced),
         actuators="\n".join(lines),
     )
+    notes = lost_in_steps(rounded)
     if left:
         notes.append(
             f"laws of {', '.join(left)} are in drivetrain.py, to be called before each step."
@@ -103,14 +104,25 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
     return text, left, tuple(notes)
 
 
-def steps(delay: float, dt: float, joint: str, notes: list[str]) -> int:
-    """A delay in whole steps; what that loses is noted."""
+def steps(delay: float, dt: float, joint: str, rounded: dict[str, list[str]]) -> int:
+    """A delay in whole steps.
+
+    Args:
+        delay: of the joint's commands [s].
+        dt: of a step [s].
+        joint: its name.
+        rounded: what steps lose, to the joints that lose it; added to.
+    """
     whole = round(delay / dt)
     if abs(whole * dt - delay) > 1e-3 * dt:
-        notes.append(
-            f"the delay of {joint}, {1e3 * delay:.3g} ms, becomes {whole} steps of {1e3 * dt:g} ms."
-        )
+        says = f"{1e3 * delay:.3g} ms, becomes {whole} steps of {1e3 * dt:g} ms."
+        rounded.setdefault(says, []).append(joint)
     return whole
+
+
+def lost_in_steps(rounded: Mapping[str, list[str]]) -> list[str]:
+    """What `steps` has lost, a note for all joints with the same delay."""
+    return [f"the delay of {', '.join(joints)}, {says}" for says, joints in rounded.items()]
 
 
 def at(values: object, number: int) -> float:

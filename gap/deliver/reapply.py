@@ -20,6 +20,7 @@ from walkerkit.gap.simulation.trials import Trials
 # How far the joints went is not asked here; nothing that was found is too small to be there.
 _SLIGHT = Excursion(lower=-5e-7, upper=5e-7)
 _OF_THE_RIG = ("base_tilt", "mount_compliance")  # where the robot was mounted, not of the robot
+_OF_TARGETS = ("command_delay",)  # which of a servo is another thing than of a motor
 _DIGITS = 1e-5  # of a number in diagnosis.json
 _ADDS = 1e-4  # how well a sum has to be met by numbers of six digits
 
@@ -53,21 +54,31 @@ def reapplied(
             )
     seen = {name: replace(_SLIGHT, voltage=_voltage(found, name)) for name in robot.joints}
     robot = replace(robot, excursions=seen)
-    trials, notes = Trials(robot, 1), list[str]()
+    trials, notes, left_out = Trials(robot, 1), list[str](), of_the_mount(found, robot)
     for of in found.effects:
         effect = CATALOGUE[of["effect"]]
         if wanted and effect.name not in wanted:
             continue
-        if effect.name in _OF_THE_RIG and robot.base is not None and found.robot.base is None:
+        if effect.name in left_out:
             notes.append(
                 f"{effect.name} was left out: it is of the mount on which the robot was "
                 "diagnosed, and this one floats."
             )
             continue
-        for site in _sites(found, of, effect, robot):
+        sites = _sites(found, of, effect, robot)
+        if effect.name in _OF_TARGETS:
+            notes += _other_targets(found, effect, sites, robot)
+        for site in sites:
             effect.apply(trials, site, _values(of, effect, robot, site, notes)[None])
     mended = mend(trials)
     return replace(mended, hold=found.robot.hold or robot.hold), tuple(dict.fromkeys(notes))
+
+
+def of_the_mount(found: Findings, robot: Robot) -> tuple[str, ...]:
+    """Names of the effects that a robot lacks because it floats and the diagnosed one does not."""
+    if robot.base is None or found.robot.base is not None:
+        return ()
+    return tuple(of["effect"] for of in found.effects if of["effect"] in _OF_THE_RIG)
 
 
 def _voltage(found: Findings, joint: str) -> tuple[float, float, float] | None:
@@ -107,6 +118,25 @@ def _sites(found: Findings, of: Mapping[str, Any], effect: Effect, robot: Robot)
                 "the other effects with --effect."
             )
     return sites
+
+
+def _other_targets(
+    found: Findings, effect: Effect, sites: Sequence[str], robot: Robot
+) -> list[str]:
+    """Says where targets of other kinds are late than those of the diagnosed model."""
+    there, here = (
+        [sorted({drive.kind for drive in one.joints[site].drives}) for site in sites]
+        for one in (found.robot, robot)
+    )
+    other = [k for k in range(len(sites)) if there[k] != here[k]]
+    if not other:
+        return []
+    return [
+        f"{effect.name} was found where joints take {', '.join(there[other[0]])} targets. "
+        f"Joints of this model ({', '.join(sites[k] for k in other)}) take "
+        f"{', '.join(here[other[0]])} targets, and these are late now. Give the model with the "
+        "servos that were diagnosed (`walkerkit servo` writes them)."
+    ]
 
 
 def _check(

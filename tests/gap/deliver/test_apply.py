@@ -176,6 +176,20 @@ def test_the_mount_of_a_robot_that_floats_is_left_out(floating, tmp_path):
     assert "this one floats" in done.notes[0]
 
 
+def test_a_delay_of_servos_in_a_model_with_motors_is_told(tmp_path):
+    robot = leg_at(tmp_path / "own" / "leg.xml")
+    diagnosed(tmp_path / "result", robot, "command_delay")
+    servos = apply(tmp_path / "result", robot.path, out=tmp_path / "own" / "servos.xml")
+    assert not servos.notes
+    motors = tmp_path / "own" / "motors.xml"
+    knee = '<position joint="knee" kp="30" kv="1"'
+    text = robot.path.read_text().replace(knee, '<motor joint="knee"')
+    motors.write_text(text)
+    (note,) = apply(tmp_path / "result", motors, out=tmp_path / "own" / "new.xml").notes
+    assert "joints take position targets" in note
+    assert "(knee) take effort targets" in note
+
+
 def test_what_mjcf_cannot_say_lies_beside(floating, tmp_path):
     robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
     diagnosed(tmp_path / "result", robot, "slew_limit", ("hip",))

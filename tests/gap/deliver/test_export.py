@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.trainers.legs import diagnosed, leg_at
-from tests.gap.deliver.robots import text_for
+from tests.gap.deliver.robots import STANDING, text_for
 from walkerkit.gap.deliver import export
 from walkerkit.gap.deliver.findings import read_findings
 from walkerkit.gap.deliver.randomization import posterior, randomization_code
@@ -65,8 +65,50 @@ def test_mjlab_gets_lags_in_steps_and_is_told_what_rounding_loses(saved):
     text = (done.folder / "robot.py").read_text()
     delay = mended.model.actuator_delay[0]
     assert f"delay_min_lag={round(delay / 0.002)}" in text
+    assert done.notes[0].startswith("the delay of hip, knee, ")  # one note for both
     assert "becomes" in done.notes[0]
     assert not (done.folder / "drivetrain.py").exists()
+
+
+def test_the_robot_that_floats_is_exported_with_what_was_found_while_it_hung(saved, tmp_path):
+    folder, mended = saved("command_delay")
+    standing = leg_at(tmp_path / "standing" / "leg.xml", STANDING)
+    hung = export(folder, "mjx")
+    assert "--model" in hung.notes[-1]
+    done = export(folder, "mjx", model=standing.path, out=tmp_path / "mjx")
+    assert not any("--model" in note for note in done.notes)
+    model = load_robot(done.folder / "model.xml").model
+    assert (model.nq, model.nkey) == (standing.model.nq, standing.model.nkey)
+    assert "interp" not in (done.folder / "model.xml").read_text()  # of MuJoCo 3.5
+    code = (done.folder / "drivetrain.py").read_text()
+    assert "QPOS = [7, 8]" in code
+    assert "DOFS = [6, 7]" in code
+    assert "QPOS = [0, 1]" in (hung.folder / "drivetrain.py").read_text()
+    assert f"'delay': array([{mended.model.actuator_delay[0]:.6g}, " in code
+    warp = load_robot(export(folder, "warp", model=standing.path).folder / "model.xml").model
+    np.testing.assert_allclose(warp.actuator_delay, mended.model.actuator_delay, rtol=1e-5)
+
+
+def test_the_mount_is_not_exported_with_a_robot_that_floats(saved, tmp_path):
+    folder, _ = saved("base_tilt")
+    standing = leg_at(tmp_path / "standing" / "leg.xml", STANDING)
+    content = json.loads((folder / "diagnosis.json").read_text())
+    content["correlation"] = np.eye(len(content["effects"][0]["parameters"])).tolist()
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    done = export(folder, "warp", model=standing.path)
+    assert "this one floats" in done.notes[0]
+    assert "RANGES = {\n}" in (done.folder / "randomization.py").read_text()
+    assert json.loads((done.folder / "export.json").read_text())["effects"] == {}
+    other = tmp_path / "other.xml"
+    other.write_text(STANDING.replace('"knee"', '"knie"'))
+    folder, _ = diagnosed_knee(tmp_path)
+    with pytest.raises(InputError, match="did you mean 'knie'"):
+        export(folder, "warp", model=other)
+
+
+def diagnosed_knee(tmp_path):
+    robot = leg_at(tmp_path / "hung" / "leg.xml", text_for("armature"))
+    return tmp_path / "knee", diagnosed(tmp_path / "knee", robot, "armature", ("knee",))
 
 
 def test_a_torque_speed_line_is_a_config(saved):

@@ -209,6 +209,8 @@ def test_models_are_used_where_they_are(leg: LegDiagnosis, tmp_path: Path) -> No
 
     assert "model_a.xml , model_b.xml" in use("model_a.xml", "model_b.xml").replace(",", " ,")
     assert "walkerkit compare experiments.toml" in use("model_a.xml", "model_b.xml")
+    assert "walkerkit apply . MODEL.xml" in use("model.xml")
+    assert "walkerkit export . --to mjlab" in use("model.xml")
     alone = use()
     assert 'result.save("diagnosis")' in alone
     assert ".xml" not in alone
