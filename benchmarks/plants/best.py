@@ -4,8 +4,9 @@
     best.experiments                           # models and recordings, with their split
 
 It is what `gap.fit` makes of the plain structure (`rivals.plain`), with what the log is known to
-show beside that. What of it is on disk stays as it is, whichever code comes later: delete the
-log's folder to have it made anew.
+show beside that, and then what the diagnosis makes of that model, until it names nothing more: a
+model that lacks something has more than what is planted to be named. What of it is on disk stays as
+it is, whichever code comes later: delete the log's folder to have it made anew.
 """
 
 from __future__ import annotations
@@ -13,18 +14,21 @@ from __future__ import annotations
 import functools
 import json
 import subprocess
+import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from benchmarks.rivals.logs import LOGS
+from benchmarks.rivals.logs import LOGS, write_experiments
 from benchmarks.rivals.plain import MORE, plain
 from walkerkit import gap
 from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.simulation.mend import write_model
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar
 
-_TOLD = "best.json"
+_TOLD, _ROUNDS = "best.json", 3
 _REPOSITORY = Path(__file__).resolve().parents[2]
 
 
@@ -45,12 +49,13 @@ class Best:
     commit: str
 
 
-def best_model(name: str, folder: Path) -> Best:
+def best_model(name: str, folder: Path, *, rounds: int = _ROUNDS) -> Best:
     """The best model of a log.
 
     Args:
         name: of the log, one of `rivals.logs.LOGS`.
         folder: where best models are kept, each in a folder of its log.
+        rounds: of diagnoses that it goes through, at most.
 
     Raises:
         FileNotFoundError: the log is not there.
@@ -61,35 +66,59 @@ def best_model(name: str, folder: Path) -> Best:
         start = time.perf_counter()
         own.mkdir(parents=True, exist_ok=True)
         problem = log.load()
-        structure = plain(problem, *MORE.get(name, ()))
-        fitted = gap.fit(problem, structure)
-        robots = {
-            f"{Path(one.model).stem}.xml": replace(robot, hold=problem.hold)
-            for one, robot in zip(experiments, fitted.robots, strict=True)
-        }
-        for file, robot in robots.items():
-            write_model(robot, own / file)
-        (own / FILE).write_text(json.dumps(sidecar(robots, [])), encoding="utf-8")
+        fitted = gap.fit(problem, plain(problem, *MORE.get(name, ())))
+        robots = [replace(robot, hold=problem.hold) for robot in fitted.robots]
+        gaps = {signal: size.after for signal, size in fitted.gap.signals.items()}
+        named: list[str] = []
+        for number in range(1, rounds + 1):
+            kept = _written(experiments, robots, own)
+            with tempfile.TemporaryDirectory() as temporary:
+                path = write_experiments(Path(temporary), kept)
+                result = gap.diagnose(path, allow_outside=True)
+            if not result.diagnosis.effects:
+                break
+            robots = list(result.robots)
+            gaps = {s: size.after for s, size in result.diagnosis.gap.signals.items()}
+            named += [f"{number}: {one.effect}" for one in result.diagnosis.effects]
+        _written(experiments, robots, own)
         told = {
             "commit": commit(),
             "seconds": time.perf_counter() - start,
-            "gaps": {signal: size.after for signal, size in fitted.gap.signals.items()},
+            "gaps": gaps,
             "values": [
                 f"{one.effect} {of.place} {of.name} {of.value:.4g} ± {of.std or float('nan'):.2g}"
                 for one in fitted.effects
                 for of in one.parameters
             ],
+            "named": named,
         }
         (own / _TOLD).write_text(json.dumps(told, indent=1, ensure_ascii=False), encoding="utf-8")
     told = json.loads((own / _TOLD).read_text(encoding="utf-8"))
     return Best(
         log=name,
-        experiments=tuple(
-            replace(one, model=str(own / f"{Path(one.model).stem}.xml")) for one in experiments
-        ),
+        experiments=_of_files(experiments, own),
         gaps=told["gaps"],
         commit=told["commit"],
     )
+
+
+def _of_files(experiments: Sequence[Experiment], folder: Path) -> tuple[Experiment, ...]:
+    """The experiments with the models of a folder, each called as it was."""
+    return tuple(
+        replace(one, model=str(folder / f"{Path(one.model).stem}.xml")) for one in experiments
+    )
+
+
+def _written(
+    experiments: Sequence[Experiment], robots: Sequence[Robot], folder: Path
+) -> tuple[Experiment, ...]:
+    """Writes the models of experiments; returns the experiments with these."""
+    found = _of_files(experiments, folder)
+    files = {Path(one.model).name: robot for one, robot in zip(found, robots, strict=True)}
+    for file, robot in files.items():
+        write_model(robot, folder / file)
+    (folder / FILE).write_text(json.dumps(sidecar(files, [])), encoding="utf-8")
+    return found
 
 
 @functools.cache

@@ -30,9 +30,6 @@ _REFINEMENT = 2  # how many times finer the timestep is that shows the numerical
 # Whole rollouts are searched in stretches: side by side they take less time, and tell as much.
 STRETCH, _SCREEN_STRETCH = 1.5, 1.0  # s
 _EXCERPT_STEPS, _SCREEN_STEPS = 12_000, 4_000
-_EXCERPT_STEPS_ON_FEET = (
-    6_000  # of a floating base, whose many channels tell as much in half the time
-)
 _TELLS_AS_MUCH = 0.03  # of a gap, which longer steps may change
 
 REMADE: Mapping[Way, Remake] = {
@@ -103,7 +100,6 @@ class Searched:
         part: makes a part of so many steps at most, in stretches of so many seconds, that holds its
             part of some gaps, with timesteps so many times longer; `fit` itself where it is no
             longer.
-        on_feet: the robot has a floating base.
         longer: how many times the timesteps may be.
 
     Attributes:
@@ -116,11 +112,9 @@ class Searched:
         fit: Half,
         part: Callable[[int, float, Gaps, int], Half],
         *,
-        on_feet: bool,
         longer: int,
     ):
         self._fit, self._part, self._longer = fit, part, longer
-        self._excerpt_steps = _EXCERPT_STEPS_ON_FEET if on_feet else _EXCERPT_STEPS
         self._choose(Gaps(rows={}), 1)
 
     def look_at(self, case: Case) -> None:
@@ -143,7 +137,7 @@ class Searched:
         return other
 
     def _choose(self, gaps: Gaps, longer: int) -> None:
-        self.excerpt = self._part(self._excerpt_steps, STRETCH, gaps, longer)
+        self.excerpt = self._part(_EXCERPT_STEPS, STRETCH, gaps, longer)
         self.screen = self._part(_SCREEN_STEPS, _SCREEN_STRETCH, gaps, longer)
 
 

@@ -35,7 +35,9 @@ _SCORED = (
     *("position", "effort"),
     *("base_position", "base_orientation", "base_angular_velocity"),
 )
-_MOST_STEPS = 40_000
+# A floating base has many channels, which tell as much in less time, and of which each number moves
+# all, so that each has to be simulated on its own.
+_MOST_STEPS, _MOST_STEPS_ON_FEET = 40_000, 6_000
 _TIMESTEP = 2e-3  # s, MuJoCo's own; parts are simulated no finer where that tells as much
 _MOST_WHOLE = 80_000
 _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
@@ -295,12 +297,14 @@ def build(
             found.append(tuple(every[k] for k in some))
         return tuple(found)
 
-    fit = half(fitted, picked(fitted, share(fitted, _MOST_STEPS)))
+    on_feet = any(robot.base for robot in sized)
+    enough = _MOST_STEPS_ON_FEET if on_feet else _MOST_STEPS
+    fit = half(fitted, picked(fitted, share(fitted, enough)))
     parts = Latest(_MOST_PARTS)
 
     def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:
         small = share(fitted, most)
-        if small == 1:
+        if small == 1 or most >= enough:
             return fit
         some = picked(fitted, small, stretch, gaps)
         where = tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
@@ -311,11 +315,10 @@ def build(
         robots=tuple(sized),
         joints=joints,
         fit=fit,
-        held=half(held_out, picked(held_out, share(held_out, _MOST_STEPS))),
+        held=half(held_out, picked(held_out, share(held_out, enough))),
         searched=Searched(
             fit,
             part,
-            on_feet=any(robot.base for robot in sized),
             # A law in Python runs once in each step, and may shake in longer ones.
             longer=1
             if any(robot.programs for robot in robots)

@@ -125,10 +125,10 @@ class TestCases:
 
 class TestBestModel:
     def test_is_fitted_once_and_is_what_gap_compare_measures(self, known):
-        best = best_model(LOG, known)
+        best = best_model(LOG, known, rounds=0)
         model = Path(best.experiments[0].model)
         before = model.stat().st_mtime_ns
-        assert best_model(LOG, known) == best
+        assert best_model(LOG, known, rounds=0) == best
         assert model.stat().st_mtime_ns == before
         found = gap.compare(model, best.experiments[0].recordings, held_out=["held"])
         sizes = {name: size.before for name, size in found.gap.signals.items()}
@@ -148,7 +148,7 @@ class TestBestModel:
 class TestKinds:
     def test_are_undone_by_their_truth(self, kind, known, tmp_path):
         """The gap of an error and of what undoes it is that of the best model."""
-        best = best_model(LOG, known)
+        best = best_model(LOG, known, rounds=0)
         setting = Setting(
             robots=(with_own_sidecar(best.experiments[0].model),),
             recordings=best.experiments[0].recordings,
@@ -196,7 +196,7 @@ class TestRunning:
     FEW = ("coulomb_friction", "torque_bias")
 
     def test_a_plant_is_named_where_it_is(self, known):
-        best_model(LOG, known)
+        best_model(LOG, known, rounds=0)
         found = run_case(Job(case=case("coulomb_friction"), best=known), effects=self.FEW)
         assert found.shows
         assert found.outcome.named[0].effect == "coulomb_friction"
