@@ -16,7 +16,7 @@ from walkerkit.gap.search.certainty import covariance, ran_away
 from walkerkit.gap.search.compare import Member, Table, is_worth_a_name
 from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.reduce import members
+from walkerkit.gap.search.reduce import members, ordinary
 from walkerkit.gap.search.score import Wildness
 from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes
 from walkerkit.gap.search.structure import Fit
@@ -177,7 +177,7 @@ class Book:
         """What each ordinary effect brings that a structure of the ground needs."""
         best = found[0]
         sizes = [np.log(np.hypot(m.scores.size, m.scores.floor)).mean() for m in found]
-        for name, size in zip(best.effects, sizes[1:], strict=False):
+        for name, size in zip(ordinary(best), sizes[1:], strict=False):
             if (1, name) not in self.gains:
                 self.gains[1, name] = float(size - sizes[0])
 

@@ -1,4 +1,4 @@
-"""Which of a fit's ordinary effects it needs: the others are dropped, by linear algebra alone.
+"""What of a fit it needs: the rest is dropped, by linear algebra alone.
 
     for member in members(objective, fit, slopes, noise):
         member.effects        # the fit with what it needs, and with each of that left out
@@ -6,7 +6,8 @@
 A fit has damping, dry friction, armature, gains and a delay everywhere. Which of these numbers the
 recordings want is read off its slopes: what dropping some costs when the others follow. The most
 probable set is found by dropping the cheapest again and again; what each of its effects is worth,
-by dropping that one first.
+by dropping that one first. A rare effect is needed at one of its places at least: the structure
+without it is another fit.
 """
 
 from __future__ import annotations
@@ -26,8 +27,7 @@ from walkerkit.gap.search.slopes import Slopes, posterior_equations
 from walkerkit.gap.search.structure import Fit, Slot
 
 FloatArray = NDArray[np.float64]
-_ORDER = tuple(CATALOGUE)  # the most usual first
-Unit = tuple[str, str]  # an ordinary effect and one of its places
+Unit = tuple[str, str]  # an effect and one of its places
 
 
 def members(
@@ -54,11 +54,16 @@ def members(
     found = [best]
     if whole and len(best.kept) < len(one.values):
         found.append(reduction.whole)
-    for name in best.effects:
+    for name in ordinary(best):
         units = [unit for unit in reduction.units if unit[0] == name or unit in without]
         if any(unit not in without for unit in units):
             found.append(reduction.best(units))
     return found
+
+
+def ordinary(member: Member) -> list[str]:
+    """The ordinary effects that a member has."""
+    return [name for name in member.effects if name in CATALOGUE and CATALOGUE[name].ordinary]
 
 
 class _Reduction:
@@ -74,7 +79,8 @@ class _Reduction:
         self.units = {
             (term.effect.name, place): one.structure.columns(term, place)
             for term in one.structure.terms
-            if term.effect.ordinary
+            if term.effect.name in CATALOGUE
+            and (term.effect.ordinary or (term.effect.fitted and len(term.places) > 1))
             for place in term.places
         }
 
@@ -99,7 +105,7 @@ class _Reduction:
         dropped = list(first)
         best = most = self._member(dropped)
         left = [unit for unit in self.units if unit not in dropped]
-        while left:
+        while left := [unit for unit in left if self._may_go(unit, dropped)]:
             cost = [max(self._cost([*dropped, unit]), self._alone[unit]) for unit in left]
             # Of those that may as well go, the least usual goes first.
             may_go = [u for u, c in zip(left, cost, strict=True) if c <= min(cost) + self._alike]
@@ -112,6 +118,11 @@ class _Reduction:
             elif not is_worth_a_name(member, most, self._joints):
                 best = member
         return best
+
+    def _may_go(self, unit: Unit, dropped: Sequence[Unit]) -> bool:
+        """Whether it is ordinary, or its effect is at other places, too."""
+        others = (other for other in self.units if other[0] == unit[0] and other != unit)
+        return CATALOGUE[unit[0]].ordinary or any(other not in dropped for other in others)
 
     def _worth(self, member: Member) -> float:
         return float(member.scores.elpd(self.scale).sum()) / TEMPERATURE + member.log_prior
@@ -126,7 +137,7 @@ class _Reduction:
         return 0.5 * float(self._away[k] @ np.linalg.lstsq(own, self._away[k], rcond=1e-12)[0])
 
     def _rank(self, unit: Unit) -> int:
-        return _ORDER.index(unit[0])
+        return tuple(CATALOGUE).index(unit[0])  # the most usual first
 
     def _moved(self, dropped: Sequence[Unit]) -> FloatArray:
         """(n_parameters,) by how much values move, in scales, where some are at their zero."""
