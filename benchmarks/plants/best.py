@@ -70,17 +70,16 @@ def best_model(name: str, folder: Path, *, rounds: int = _ROUNDS) -> Best:
         robots = [replace(robot, hold=problem.hold) for robot in fitted.robots]
         gaps = {signal: size.after for signal, size in fitted.gap.signals.items()}
         named: list[str] = []
+        kept = _written(experiments, robots, own)
         for number in range(1, rounds + 1):
-            kept = _written(experiments, robots, own)
             with tempfile.TemporaryDirectory() as temporary:
                 path = write_experiments(Path(temporary), kept)
                 result = gap.diagnose(path, allow_outside=True)
             if not result.diagnosis.effects:
                 break
-            robots = list(result.robots)
+            _written(experiments, result.robots, own)
             gaps = {s: size.after for s, size in result.diagnosis.gap.signals.items()}
             named += [f"{number}: {one.effect}" for one in result.diagnosis.effects]
-        _written(experiments, robots, own)
         told = {
             "commit": commit(),
             "seconds": time.perf_counter() - start,

@@ -73,28 +73,26 @@ class Tied(Structure):
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
         """A number for each kind: that of its first joint."""
-        return tuple(self.whole.slots[k] for k in np.unique(self._first))
+        return tuple(self.whole.slots[k] for k in self._numbers[0])
 
     @cached_property
-    def _first(self) -> NDArray[np.intp]:
-        """(n_parameters of the whole,) index of the first of those that are one number."""
+    def _numbers(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(n_parameters,) index of the first of the whole's that each number is, and `of_whole`."""
         kind = {joint: k for k, some in enumerate(self.kinds) for joint in some}
         known: dict[tuple[object, ...], int] = {}
-        return np.array(
-            [
-                known.setdefault(
-                    (id(slot.term), slot.parameter.name, kind.get(slot.place, slot.place)), i
-                )
-                for i, slot in enumerate(self.whole.slots)
-            ],
-            dtype=np.intp,
-        )
+        first = [
+            known.setdefault(
+                (id(slot.term), slot.parameter.name, kind.get(slot.place, slot.place)), i
+            )
+            for i, slot in enumerate(self.whole.slots)
+        ]
+        firsts, of_whole = np.unique(np.array(first, dtype=np.intp), return_inverse=True)
+        return firsts, of_whole
 
-    @cached_property
+    @property
     def of_whole(self) -> NDArray[np.intp]:
         """(n_parameters of the whole,) index of the number that each is."""
-        found: NDArray[np.intp] = np.searchsorted(np.unique(self._first), self._first)
-        return found
+        return self._numbers[1]
 
     @property
     def key(self) -> tuple[tuple[str, tuple[str, ...], bool], ...]:
@@ -116,7 +114,7 @@ class Tied(Structure):
 
     def start(self, one: Fit) -> Fit:
         """A fit of the whole with the numbers of the first joint of each kind."""
-        return replace(one, structure=self, values=one.values[np.unique(self._first)])
+        return replace(one, structure=self, values=one.values[self._numbers[0]])
 
     def apart(self, one: Fit) -> Fit:
         """A fit of this as one of the whole."""

@@ -73,12 +73,12 @@ def _not_known(
             place: 0.0 if rare and stopped[its].any() else float(errors[its].max())
             for place, its in columns.items()
         }
-        if term.effect.fitted and not term.effect.ordinary and min(own.values()) < KNOWN:
+        if term.effect.fitted and rare and min(own.values()) < KNOWN:
             places = tuple(place for place in own if place != min(own, key=own.__getitem__))
             if term.shared or not places:
                 return [], structure.without_term(term)
             return [], structure.replaced(term, replace(term, sites=places))
-        for place, known in own.items() if term.effect.ordinary else ():
+        for place, known in () if rare else own.items():
             if known < KNOWN:
                 least[place] = min(least.get(place, (np.inf, "")), (known, term.effect.name))
     return [(name, place) for place, (_, name) in least.items()], None

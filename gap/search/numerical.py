@@ -39,12 +39,13 @@ def as_simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit)
         magnitudes = zip(*(slot.parameter.starts for slot in structure.slots), strict=True)
         tries = Case(structure=structure, values=np.array(list(magnitudes)))
         # Little of the recordings shows whether there is anything of it.
-        if not np.isfinite(_scores(problem, problem.excerpt.objective, nothing, tries)).any():
-            continue
-        scores = _scores(problem, problem.fit.objective, nothing, tries)
-        k = int(np.argmin(scores))
-        if np.isfinite(scores[k]):
-            (best,) = evaluate(problem.fit.objective, [(structure, tries.values[k])])
+        for objective in dict.fromkeys((problem.excerpt.objective, problem.fit.objective)):
+            scores = _scores(problem, objective, nothing, tries)
+            if not np.isfinite(scores).any():
+                break
+        else:
+            values = tries.values[int(np.argmin(scores))]
+            (best,) = evaluate(problem.fit.objective, [(structure, values)])
     return best
 
 
