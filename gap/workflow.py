@@ -256,7 +256,7 @@ def _search(
     """Names effects, mends the robots and puts it all into words."""
     problem, explanation, left_out = _named(setup, chosen, progress, effort, first)
     final = explanation.fit
-    problem = problem.as_read(final)
+    problem = problem.as_told(final)
     mended = tuple(
         mend(final.structure.trials(robot, final.values[None])) for robot in problem.robots
     )
@@ -328,7 +328,7 @@ def compare(
         )
         problem = setup.problem(_known_hold(setup.robots) or "zero_order")
         explanation = name_effects(problem, [])
-        problem = problem.as_read(explanation.fit)
+        problem = problem.as_told(explanation.fit)
         found = summarise(
             problem,
             explanation,

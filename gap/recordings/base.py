@@ -150,18 +150,19 @@ class BaseState:
             names: self._logged(recording, names) for names in (LINEAR, ANGULAR)
         }
 
-    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def at(self, time: FloatArray, ahead: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Pose and velocity at some instants, held at the ends of the recording.
 
         Args:
             time: (n,) instants [s].
+            ahead: how much earlier a velocity is that the poses tell [s].
 
         Returns:
             (n, 7) position [m] and quaternion; (n, 6) linear [m/s] and angular [rad/s] velocity.
         """
         pose = self._pose.at(time)
         pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
-        velocity = self._own(time)
+        velocity = self._own(time - ahead)
         for place, names in ((slice(0, 3), LINEAR), (slice(3, 6), ANGULAR)):
             logged = self._velocity[names]
             if logged is not None:

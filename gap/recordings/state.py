@@ -113,16 +113,17 @@ class MeasuredState:
         columns = np.stack([recording.columns[f"{joint}/position"] for joint in joints])
         self._smoothed = Smoothed(recording.time, columns, noise.each(columns))
 
-    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def at(self, time: FloatArray, ahead: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """The state at some instants, held at the ends of the recording.
 
         Args:
             time: (n,) instants [s].
+            ahead: how much earlier the velocities are [s].
 
         Returns:
             qpos, qvel: (n, n_joints) each [rad, rad/s; m, m/s on slide joints].
         """
-        return self._smoothed.at(time), self._smoothed.slope_at(time)
+        return self._smoothed.at(time), self._smoothed.slope_at(time - ahead)
 
     def fast_at(self, time: FloatArray) -> NDArray[np.bool_]:
         """(n,) whether a joint moves so fast at (n,) instants that few samples tell its state."""

@@ -23,6 +23,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import nearest_rate, run_hardware
@@ -30,6 +31,7 @@ from walkerkit.gap.rehearsal.hardware_drive import Drives, Source
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, loudness
 from walkerkit.gap.rehearsal.hideable import GROUND, HIDEABLE, NOT_THE_ROBOTS
+from walkerkit.gap.search.buildable import why_not
 from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.robot import Measurement, Robot
 from walkerkit.gap.simulation.sidecar import FILE, with_sidecar
@@ -101,6 +103,10 @@ def rehearse(
     floating = imu or any(name in GROUND for name in names)
     robot = load_robot(model, floating=floating, allow_outside=allow_outside)
     _check_as_given(robot)
+    for name in names:
+        problem = why_not(CATALOGUE[name], [robot], list(robot.joints))
+        if problem is not None:
+            raise InputError(f"{model}: {name} can be hidden but not found in it: {problem}.")
     if (
         robot.programs
         or robot.laws

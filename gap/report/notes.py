@@ -152,6 +152,12 @@ def notes(
             "Efforts were taken to be read before the targets beside them act, as by a loop that "
             "reads, computes and sends; the recordings agree with that."
         )
+    if any(robot.starts_as_stepped for robot in problem.robots):
+        yield (
+            "Replays restart with the velocities that steps of the model's own length have, half a "
+            "step before their positions, which leaves less than half as much: the recordings seem "
+            "to come from a simulation in such steps."
+        )
     if problem.hold == "next":
         yield (
             "Targets were taken to act from the row before the one that shows them, which explains "

@@ -43,7 +43,7 @@ _MOST_WHOLE = 80_000
 _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _MOST_PARTS = 8  # that are kept, with their numerical errors
-_RATHER = 0.5  # of what another reading of efforts changes, which is then the one told of
+_RATHER = 0.5  # of what another way to read or to start changes, which is then the one told of
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
 
@@ -134,16 +134,35 @@ class Problem:
             replays, self.channels, known.floor, n_threads=self.n_threads, recent=known.recent
         )
 
-    def as_read(self, explained: Fit) -> Problem:
-        """The same as it is told of: efforts read before targets, where that suits a fit better."""
+    def as_told(self, explained: Fit) -> Problem:
+        """The same as it is told of, read and started as suits a fit better.
+
+        Efforts may be read before targets, and restarts may take the velocities of a log that a
+        simulation made in these very steps.
+        """
+        problem = self._remade(REMADE["reading"]) if self._reads_first(explained) else self
+        return problem._remade(_as_stepped) if self._starts_as_stepped(explained) else problem
+
+    def _reads_first(self, explained: Fit) -> bool:
         if "reading" not in other_ways(self.robots, self.channels, self.hold):
-            return self
+            return False
         self.refine(explained)
         halves = self.fit, self.held
         factors = [half.objective.factor("reading", explained.case) for half in halves]
-        if np.mean(factors) <= _RATHER:
-            return self
-        robots = {id(robot): REMADE["reading"](robot) for robot in self.robots}
+        return bool(np.mean(factors) > _RATHER)
+
+    def _starts_as_stepped(self, explained: Fit) -> bool:
+        """Whether restarts as stepped leave less than half of what a fit leaves."""
+        if self.window is None:
+            return False
+        own = self.fit.objective
+        stepped = self._objective([one.on(_as_stepped(one.robot)) for one in own.replays])
+        (after,), (before,) = (one.as_it_is([explained.case]) for one in (stepped, own))
+        return bool(np.sum(after / self.noise**2) < _RATHER**2 * np.sum(before / self.noise**2))
+
+    def _remade(self, remake: Remake) -> Problem:
+        """The same of robots made of these."""
+        robots = {id(robot): remake(robot) for robot in self.robots}
 
         def read(half: Half) -> Half:
             return replace(half, told=tuple(one.on(robots[id(one.robot)]) for one in half.told))
@@ -339,3 +358,7 @@ def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.No
     largest = max([1.0, *(float(np.abs(column).max()) for column in present)])
     std = float(np.hypot(found.std, estimate_error(recordings, channel)))
     return replace(found, std=max(std, _RESOLUTION * largest))
+
+
+def _as_stepped(robot: Robot) -> Robot:
+    return replace(robot, starts_as_stepped=True)

@@ -61,7 +61,7 @@ class FloatingBase:
         states: Mapping[int, MeasuredState],
     ):
         self.addresses = range(base.qpos, base.qpos + 7), range(base.dof, base.dof + 6)
-        self._segments = segments
+        self._ahead, self._segments = robot.velocity_ahead, segments
         recordings = {id(segment.recording): segment.recording for segment in segments}
         # The ground is as high in all parts of a log.
         self._log = np.array([id(segment.recording.whole) for segment in segments])
@@ -82,7 +82,7 @@ class FloatingBase:
         pose, velocity = np.empty((*lead.shape, 7)), np.empty((*lead.shape, 6))
         for s, segment in enumerate(self._segments):
             state = self._states[id(segment.recording)]
-            pose[:, s], velocity[:, s] = state.at(segment.start - lead[:, s])
+            pose[:, s], velocity[:, s] = state.at(segment.start - lead[:, s], self._ahead)
         return pose, velocity
 
     def settle(

@@ -226,7 +226,7 @@ class Group:
             state = self.states[id(segment.recording)]
             alike = (variants[:, s] == variants[:, s, :1]).all()
             for k in range(1 if alike else shift.shape[2]):
-                q, v = state.at(segment.start + variants[:, s, k])
+                q, v = state.at(segment.start + variants[:, s, k], self.robot.velocity_ahead)
                 which = slice(None) if alike else k
                 qpos[:, s, which], qvel[:, s, which] = q[:, which], v[:, which]
         if off.any():

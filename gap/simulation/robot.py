@@ -165,6 +165,8 @@ class Robot:
         excursions: joint name to how far it went; absent means unknown.
         hold: what its targets are between samples, where that is known already.
         reads_effort_first: its log shows efforts as they were before the targets beside them acted.
+        starts_as_stepped: its log was made in steps as its own, so that replays start with the
+            velocities that those steps had.
         laws: joint name to the drivetrain laws that it has beside the model, by name, each with its
             parameters.
         programs: laws of its actuators that run in Python.
@@ -184,6 +186,7 @@ class Robot:
     excursions: Mapping[str, Excursion] = field(default_factory=dict)
     hold: Literal["zero_order", "linear", "next"] | None = None
     reads_effort_first: bool = False
+    starts_as_stepped: bool = False
     laws: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     programs: tuple[Program, ...] = ()
     base: Base | None = None
@@ -299,6 +302,17 @@ class Robot:
             return replace(self, spec=spec, model=spec.compile(), finer=self.finer / factor)
 
         return self.made.get(("coarsened", factor), make)
+
+    @property
+    def velocity_ahead(self) -> float:
+        """How much earlier than its positions the velocities are that a replay starts with [s].
+
+        MuJoCo adds to a position what its new velocity makes of a step, except in Runge and Kutta's
+        steps: the slope of the positions that it makes is its velocity half a step later (leapfrog;
+        Verlet, Physical Review 159, 1967).
+        """
+        whole = self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        return 0.0 if whole or not self.starts_as_stepped else float(self.model.opt.timestep) / 2
 
     def measured(self, joint: str) -> Measurement:
         """What is known of a joint's measurement."""

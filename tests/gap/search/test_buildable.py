@@ -69,6 +69,35 @@ def test_the_whole_catalogue_can_be_built(robots):
     )
 
 
+@pytest.mark.parametrize(
+    ("flag", "idle"),
+    [
+        ("constraint", {"coulomb_friction"}),
+        ("frictionloss", {"coulomb_friction"}),
+        ("damper", {"viscous_friction"}),
+        ("gravity", set()),
+    ],
+)
+def test_what_a_flag_switches_off_is_left_out(tmp_path, flag, idle):
+    switched = ARM.replace(
+        'integrator="implicitfast"/>',
+        f'integrator="implicitfast"><flag {flag}="disable"/></option>',
+    )
+    off = [robot_from_spec(mujoco.MjSpec.from_string(switched), "arm.xml")]
+    left_out = {
+        name: why
+        for name in ("armature", "coulomb_friction", "viscous_friction", "stribeck_friction")
+        if (why := why_not(CATALOGUE[name], off, ["shaft"]))
+    }
+    assert set(left_out) == idle
+    assert all(f'<flag {flag}="disable"/>' in why for why in left_out.values())
+    path = tmp_path / "arm.xml"
+    path.write_text(switched, encoding="utf-8")
+    for name in idle:
+        with pytest.raises(InputError, match=rf"{name} can be hidden but not found.*{flag}"):
+            rehearse(path, [name], seconds=2)
+
+
 def test_a_diagnosis_goes_on_without_what_cannot_be_built(tmp_path, monkeypatch):
     path = tmp_path / "arm.xml"
     path.write_text(ARM, encoding="utf-8")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 import pytest
 
 from tests.gap.simulation.own_log import gaps, own_log
+from walkerkit import gap
 from walkerkit.gap.errors import InputError
 
 ELEMENTS = {
@@ -137,3 +139,23 @@ def test_several_actuators_on_one_joint(more):
     xml = arm(ELEMENTS["position"], more=more)
     columns = own_log(mujoco.MjModel.from_xml_string(xml))
     assert max(gaps(xml, columns).values()) < 1e-4
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "implicit", "RK4"])
+@pytest.mark.parametrize("element", ["motor", "volts"])
+def test_no_gap_where_replays_restart_in_a_motion(tmp_path, element, integrator):
+    xml = arm(ELEMENTS[element], gear=1.5, integrator=integrator).replace("0.002", "0.008")
+    columns = own_log(mujoco.MjModel.from_xml_string(xml), rows=250)
+    time = columns.pop("time")
+    rng = np.random.default_rng(0)
+    kept = {
+        name: values + 1e-5 * rng.standard_normal(len(time)) * name.endswith("/position")
+        for name, values in columns.items()
+        if not name.endswith(("/velocity", "/effort"))
+    }
+    path = tmp_path / "own.xml"
+    path.write_text(xml, encoding="utf-8")
+    found = gap.compare(path, [gap.Recording(name="own", time=time, columns=kept)])
+    assert found.verdict == "no_gap"
+    stepped = any("velocities that steps of the model's own length have" in n for n in found.notes)
+    assert stepped == (integrator != "RK4")
