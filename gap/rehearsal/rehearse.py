@@ -15,7 +15,7 @@ only where that floats, and has spheres for feet and a level plane. A timestep i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,6 +35,7 @@ from walkerkit.gap.search.buildable import why_not
 from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.robot import Measurement, Robot
 from walkerkit.gap.simulation.sidecar import FILE, with_sidecar
+from walkerkit.gap.workflow import compare
 from walkerkit.tasks.excitation import BATTERY
 from walkerkit.walkers.batch import without_warnings
 
@@ -123,7 +124,7 @@ def rehearse(
             "floats, or leave imu out."
         )
     try:
-        Drives(robot.model)
+        drives = Drives(robot.model)
     except InputError as error:
         raise InputError(f"{model}: {error}") from None
     targets = [BATTERY[name] for name in EXPERIMENTS]
@@ -133,6 +134,11 @@ def rehearse(
     sent = [
         signal(time, lower=lower, upper=upper, rng=rng, max_velocity=_SPEED) for signal in targets
     ]
+
+    def in_the_gap(found: Sequence[Recording]) -> bool:
+        joints = compare(model, found, allow_outside=allow_outside).gap.joints.values()
+        return any(size.before > LOUD * size.noise_floor for size in joints)
+
     choices = [None] if hide is None else [[name] for name in names]
     with without_warnings():  # what diverges is said below, or tried otherwise
         nominal, substeps = _stable(robot, sent, seed, rate)
@@ -147,6 +153,8 @@ def rehearse(
                 seed=seed,
                 substeps=substeps,
                 rate=rate,
+                # Efforts are what was sent, and replays of them restart every half second.
+                shows=in_the_gap if "effort" in drives.kinds else None,
             )
             hidden.append(effect)
         if len(hidden) > 1 or imu:
@@ -231,6 +239,7 @@ def draw_loud(
     signals: Sequence[str] = ("position", "effort"),
     substeps: int = 4,
     rate: float = RATE,
+    shows: Callable[[Sequence[Recording]], bool] | None = None,
 ) -> tuple[HiddenEffect, list[Recording]]:
     """Draws an effect that shows in the last experiment, so that finding it can be asked for.
 
@@ -248,6 +257,7 @@ def draw_loud(
         signals: where it has to show, in one of them.
         substeps: as for `run_hardware`.
         rate: samples a second.
+        shows: says besides whether it shows in the experiments.
 
     Returns:
         The effect and the experiments with it.
@@ -278,9 +288,11 @@ def draw_loud(
             own = [joint for joint in hidden.joints if joint != "*"]
             quiet = [joint for joint in own or loud if loud[joint] < LOUD]
             # An effect of all or of a body may show at some joints only.
-            if not quiet or (not own and len(quiet) < len(loud)):
+            if (not quiet or (not own and len(quiet) < len(loud))) and (
+                shows is None or shows(found)
+            ):
                 return hidden, found
-            hidden = hidden.stronger(_GROWTH, quiet if own else None)
+            hidden = hidden.stronger(_GROWTH, (quiet or None) if own else None)
     what = ", ".join(effects or HIDEABLE)
     if unstable == _DRAWS * _GROWTHS:
         raise InputError(f"{what}: the robot goes unstable with it; hide something else.")
