@@ -12,15 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
-from walkerkit.gap.recordings.state import with_more_noise
 from walkerkit.gap.report.diagnosis import Trace
 from walkerkit.gap.report.gaps import Gap, GapMap, GapSize
 from walkerkit.gap.report.locate import gap_map
 from walkerkit.gap.report.regimes import regimes
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.problem import Problem, channel_noise
+from walkerkit.gap.search.restarts import by_chance, restarted
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are, predict_together
 from walkerkit.gap.simulation.robot import Robot
@@ -80,17 +79,18 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
 
     positions = [c for c in channels if c.signal == "position"]
     finer, drier = _nearest(problem, after, positions)
-    restarted = [] if problem.window is None else _restarted(problem, after)
+    again = [] if problem.window is None else restarted(after.replays, problem.n_threads)
+    restarts = [Replayed(replays=after.replays, predicted=tuple(one)) for one in again]
     misread = [] if problem.window is None else _misread(problem, after)
 
     def own_noise(chosen: Sequence[Channel]) -> float:
         return float(np.sqrt(np.mean([floor[c] ** 2 for c in chosen])))
 
     def size(chosen: Sequence[Channel]) -> GapSize:
-        of_restarts = max(_rms_change(after, some, chosen) for some in (restarted, misread))
+        of_restarts = max(_rms_change(after, some, chosen) for some in (restarts, misread))
         noise = math.hypot(own_noise(chosen), of_restarts)
         # One restart is wrong one way for all of its window, at each joint of its own.
-        times = _by_chance(_restarts(after, chosen), len(positions) if len(chosen) == 1 else 1)
+        times = by_chance(_restarts(after, chosen), len(positions) if len(chosen) == 1 else 1)
         most = math.hypot(own_noise(chosen), times * of_restarts)
         return GapSize(
             unit=unit_of(problem, chosen),
@@ -265,32 +265,6 @@ def _finer(problem: Problem, replayed: Replayed, drier: bool) -> Replayed:
     return Replayed(replays=fine, predicted=tuple(as_they_are(fine, problem.n_threads)))
 
 
-def _restarted(problem: Problem, replayed: Replayed) -> list[Replayed]:
-    """The same replays from states that are measured with the noise that is there once more.
-
-    Again and again, as few windows tell little of it; without what diverged.
-    """
-    every = {id(s.recording): s.recording for r in replayed.replays for s in r.segments}
-    found = []
-    for draw in range(_DRAWS):
-        noisier = {
-            key: with_more_noise(one, (draw, seed)) for seed, (key, one) in enumerate(every.items())
-        }
-        same = tuple(
-            Replay(
-                r.robot,
-                [replace(s, recording=noisier[id(s.recording)]) for s in r.segments],
-                r.channels,
-                hold=problem.hold,
-            )
-            for r in replayed.replays
-        )
-        again = Replayed(replays=same, predicted=tuple(as_they_are(same, problem.n_threads)))
-        if math.isfinite(_changed(replayed, again, same[0].channels)):
-            found.append(again)
-    return found
-
-
 def _misread(problem: Problem, replayed: Replayed) -> list[Replayed]:
     """The same replays from states that are off by their errors.
 
@@ -325,16 +299,6 @@ def _restarts(replayed: Replayed, channels: Sequence[Channel]) -> int:
         measured = ~np.isnan(replay.measured[:, chosen]).all(axis=1)
         found += len(np.unique(replay.segment_of_row[measured]))
     return found
-
-
-def _by_chance(count: int, tries: int) -> float:
-    """Over its expectation, the most that the root mean square of `count` normal errors is.
-
-    Args:
-        count: how many errors.
-        tries: how many such numbers are looked at for the largest.
-    """
-    return float(np.sqrt(chi2.ppf(1 - _RARELY / tries, count) / count)) if count else 1.0
 
 
 def _changed(one: Replayed, other: Replayed, channels: Sequence[Channel]) -> float:

@@ -15,14 +15,18 @@ from walkerkit.gap.effects import Effect, Parameter
 from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import polished
 from walkerkit.gap.search.half import Half
-from walkerkit.gap.search.like_joints import tied
+from walkerkit.gap.search.like_joints import Tied, tied
+from walkerkit.gap.search.needed import by_itself
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.reduce import needed
 from walkerkit.gap.search.settle import robustly, settled, trust_in_the_light_of
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried, extended
 
 _STEPS, _FIRST_STEPS = 8, 4  # of a fit to a part, the most, and up to the first answer
 _PASSES = 2  # of fitting and finding the numerical error again
+_LOOKS = 2  # at what single joints need besides what their kinds do
+_STAGE = "ordinary effects"
 
 
 def ground(
@@ -50,18 +54,48 @@ def ground(
         return nothing
     found = extended(nothing, terms)
     problem.searched.look_at(nothing.case)
-    stage = "ordinary effects"
-    answer: Callable[[Fit], None] | None = first or (lambda fit: None)
+    floats = any(robot.base is not None for robot in problem.robots)
+    few = tied(found) if floats else None
+    if few is not None:
+        return _where_kinds_differ(problem, few, found, progress, first)
     for part in problem.parts:
         if part is not problem.fit:
-            found = _fitted_to_a_part(part, found, progress, stage, answer)
-            answer = None
-    found = settled(problem.fit, found, passes=_PASSES, progress=progress, stage=stage)
+            found, first = _fitted_to_a_part(part, found, progress, first), None
+    found = settled(problem.fit, found, passes=_PASSES, progress=progress, stage=_STAGE)
     if trust_in_the_light_of(problem.fit, found, problem.noise) is not None:
         slopes = linearised(problem.fit.objective, found)
         found = robustly(problem.fit, found, slopes, problem.noise)
-    if answer is not None:
-        answer(found)
+    if first is not None:
+        first(found)
+    return found
+
+
+def _where_kinds_differ(
+    problem: Problem,
+    few: Tied,
+    start: Fit,
+    progress: Progress | None,
+    first: Callable[[Fit], None] | None,
+) -> Fit:
+    """A fit of a number for each kind of joint, and then of what single joints need besides.
+
+    On a floating base each number moves all channels, and takes simulations of its own: which of
+    them single joints need is read off the slopes at what their kinds have.
+    """
+    alike = few.start(start)
+    alike = _fitted_to_a_part(problem.screen, alike, progress, first, few.apart)
+    found = few.apart(alike)
+    known: object = None
+    for _ in range(_LOOKS):
+        values = carried(found.values, found.structure, start.structure)
+        there = problem.fit.by_own_error(replace(start, values=values))
+        slopes = linearised(problem.fit.objective, there)
+        member = needed(problem.fit.objective, there, slopes, problem.noise)
+        if member.effects == known:
+            break
+        known, found = member.effects, by_itself(problem, member)
+        if problem.leaves_nothing(found):
+            break
     return found
 
 
@@ -69,14 +103,10 @@ def _fitted_to_a_part(
     part: Half,
     start: Fit,
     progress: Progress | None,
-    stage: str,
     first: Callable[[Fit], None] | None,
+    told: Callable[[Fit], Fit] = lambda fit: fit,
 ) -> Fit:
-    """A fit to little of the recordings; the first answer is that of a few steps as simulated.
-
-    Where each number moves all channels, as on a floating base, the first part is fitted with a
-    number for each kind of joint.
-    """
+    """A fit to little of the recordings; the first answer is that of a few steps as simulated."""
 
     def improved(one: Fit, steps: int = _STEPS) -> Fit:
         (found,) = polished(
@@ -85,25 +115,16 @@ def _fitted_to_a_part(
             iterations=steps,
             near_enough=True,
             progress=progress,
-            stage=stage,
+            stage=_STAGE,
         )
         return found
 
-    coupled = set(start.structure.branches) == {None}
-    few = tied(start) if coupled else None
-    if first is None:
-        part.refine(start)
-        return improved(start) if few is not None else _late_last_too(improved, start)
-    if few is None:
+    found = start
+    if first is not None:
         found = improved(start, _FIRST_STEPS)
-        first(found)
-        part.refine(start)
-        return _late_last_too(improved, start, found)
-    alike = few.start(start)
-    found = improved(alike, _FIRST_STEPS)
-    first(few.apart(found))
+        first(told(found))
     part.refine(start)
-    return few.apart(_late_last_too(improved, alike, found))
+    return _late_last_too(improved, start, found)
 
 
 def _late_last_too(improved: Callable[[Fit], Fit], start: Fit, further: Fit | None = None) -> Fit:

@@ -17,7 +17,7 @@ import numpy as np
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.search.buildable import buildable
 from walkerkit.gap.search.effort import Effort, Progress
-from walkerkit.gap.search.naming import Explanation, begin, leaves_nothing, name_effects
+from walkerkit.gap.search.naming import Explanation, begin, name_effects
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import Slopes, linearised
@@ -88,7 +88,7 @@ def _better_read(
 
     With all that is ordinary beside it, which may stand in for other targets.
     """
-    if leaves_nothing(problem, known) or not effort.allows(
+    if problem.leaves_nothing(known) or not effort.allows(
         "targets read otherwise between their samples"
     ):
         return None

@@ -22,7 +22,6 @@ from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.compare import Member, Table
-from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
 from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.ground import ground
@@ -49,7 +48,6 @@ _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its
 _REFITS = 8  # steps of a fit that begins near its end
 _NTH = ("a first", "a second", "a third", "a fourth")
 _LONGEST_WITH_LAWS = 20_000  # steps of a rollout, which come one after the other
-_AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
 _AS_GOOD = 0.02  # of a score
 
 
@@ -136,7 +134,7 @@ def begin(
     nothing = as_simulated_well(problem, effects, given)
     problem.fit.refine(nothing)
     nothing = book.add(nothing)
-    if not effects or leaves_nothing(problem, nothing):
+    if not effects or problem.leaves_nothing(nothing):
         return Begun(book=book, plain=nothing, searched=False)
     plain = nothing
     with contextlib.suppress(EnoughError):
@@ -207,7 +205,7 @@ class _Search:
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
         """The structure that the table prefers, with as many rare effects as it wants."""
         problem, book = self._problem, self._book
-        while not leaves_nothing(problem, current) and len(_rare(current)) < MOST_RARE:
+        while not problem.leaves_nothing(current) and len(_rare(current)) < MOST_RARE:
             if not self._effort.allows(f"{_NTH[len(_rare(current))]} rare effect"):
                 break
             self._propose(effects, current)
@@ -385,7 +383,7 @@ def _rank(problem: Problem, table: Table, one: Named) -> tuple[float, float]:
 
 def _unknown(problem: Problem, final: Fit) -> float | None:
     """The weight of an effort without a name beside a fit; 0 where that leaves nothing."""
-    if leaves_nothing(problem, final):
+    if problem.leaves_nothing(final):
         return 0.0
     trials = [final.structure.trials(robot, final.values[None]) for robot in problem.robots]
     return unknown_weight(problem, [mend(trial) for trial in trials])
@@ -445,18 +443,6 @@ def _takes_long(problem: Problem, current: Fit) -> bool:
     trials = [current.structure.trials(robot, current.values[None]) for robot in problem.robots]
     longest = max(replay.longest for replay in problem.fit.told)
     return any(one.laws or one.numbers for one in trials) and longest > _LONGEST_WITH_LAWS
-
-
-def leaves_nothing(problem: Problem, current: Fit) -> bool:
-    """Whether a fit leaves nothing to explain, in stretches or in whole rollouts.
-
-    In stretches the numerical error is taken out, though not to the last digit.
-    """
-    objective = problem.fit.objective
-    left = NUMERICAL_LEFT * objective.numerical_size()
-    in_stretches = np.sqrt(current.mean_square) <= _AT_FLOOR * np.hypot(problem.noise, left)
-    whole = problem.whole.objective.as_it_is([current.case])[0][0]
-    return bool(in_stretches.all() or (np.sqrt(whole) <= _AT_FLOOR * problem.noise).all())
 
 
 def _rare(one: Fit) -> list[Term]:

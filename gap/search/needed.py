@@ -33,7 +33,7 @@ def only_needed(problem: Problem, member: Member) -> Fit:
     be there, in the light of all that the model still lacks, is left out.
     """
     objective = problem.fit.objective
-    found = _by_itself(problem, member)
+    found = by_itself(problem, member)
     slopes = linearised(objective, found)
     while found.structure.terms:
         unknown, fewer = _not_known(problem, found, slopes)
@@ -45,7 +45,7 @@ def only_needed(problem: Problem, member: Member) -> Fit:
         smaller, *_ = members(objective, found, slopes, problem.noise, without=unknown)
         if len(smaller.kept) == len(found.values):
             break
-        fewer_needed = _by_itself(problem, smaller, slopes)
+        fewer_needed = by_itself(problem, smaller, slopes)
         if not unknown and fewer_needed.score > found.score + LEAST_GAIN:
             problem.fit.refine(found)
             break
@@ -84,7 +84,7 @@ def _not_known(
     return [(name, place) for place, (_, name) in least.items()], None
 
 
-def _by_itself(problem: Problem, member: Member, near: Slopes | None = None) -> Fit:
+def by_itself(problem: Problem, member: Member, near: Slopes | None = None) -> Fit:
     """A member fitted in the light of its own numerical error, from what slopes say of it."""
     structure, whole = _of_kept(member), member.fit.structure
     values = carried(member.values, whole, structure)

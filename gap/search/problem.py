@@ -14,11 +14,13 @@ from walkerkit.gap.recordings import noise
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.beliefs import NOTHING, Beliefs
+from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.excerpt import Gaps, representative, spread
 from walkerkit.gap.search.half import REMADE, STRETCH, Half, Remake, Searched, other_ways
 from walkerkit.gap.search.numerical_error import Way
 from walkerkit.gap.search.objective import Objective, refine
 from walkerkit.gap.search.recent import Recent
+from walkerkit.gap.search.restarts import by_chance, of_restarts
 from walkerkit.gap.search.structure import Fit, Structure, Term
 from walkerkit.gap.simulation.branches import met
 from walkerkit.gap.simulation.channel import Channel, base_channels, estimate_error
@@ -44,6 +46,7 @@ _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; 
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _MOST_PARTS = 8  # that are kept, with their numerical errors
 _RATHER = 0.5  # of what another way to read or to start changes, which is then the one told of
+_AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
 _FLOOR = 0.5  # of the noise; keeps a misjudged noise from deciding
 
 
@@ -57,7 +60,8 @@ class Problem:
         fit: recordings that are fitted.
         held: recordings that are held out.
         searched: parts of what is fitted.
-        noise: (n_scored,) noise of the scored channels.
+        noise: (n_scored,) noise of the scored channels, and of the states of a floating base that
+            replays restart from.
         hold: what the targets are between their samples.
         window: seconds after which replays restart, or None for whole rollouts.
         n_threads: threads of the simulation, 0 for all cores.
@@ -183,6 +187,21 @@ class Problem:
     def nothing(self) -> Structure:
         """The structure that adds nothing."""
         return Structure((), self.robots)
+
+    def leaves_nothing(self, current: Fit) -> bool:
+        """Whether a fit leaves nothing to explain, in stretches or in whole rollouts.
+
+        In stretches the numerical error is taken out, though not to the last digit.
+        """
+        left = NUMERICAL_LEFT * self.fit.objective.numerical_size()
+        most = _AT_FLOOR
+        if any(robot.base for robot in self.robots):
+            # One restart is wrong one way for all of its window, in each channel.
+            windows = sum(len(replay.segments) for replay in self.fit.objective.replays)
+            most = max(most, by_chance(windows, len(self.channels)))
+        in_stretches = np.sqrt(current.mean_square) <= most * np.hypot(self.noise, left)
+        whole = self.whole.objective.as_it_is([current.case])[0][0]
+        return bool(in_stretches.all() or (np.sqrt(whole) <= _AT_FLOOR * self.noise).all())
 
     def refine(self, current: Fit) -> None:
         """Takes the numerical error at a fit as that of all that will be simulated."""
@@ -318,7 +337,11 @@ def build(
 
     on_feet = any(robot.base for robot in sized)
     enough = _MOST_STEPS_ON_FEET if on_feet else _MOST_STEPS
-    fit = half(fitted, picked(fitted, share(fitted, enough)))
+    chosen = picked(fitted, share(fitted, enough))
+    if on_feet:
+        restarts = of_restarts(replays(chosen, kept=scored), n_threads)
+        floor = np.hypot(floor, restarts)
+    fit = half(fitted, chosen)
     parts = Latest(_MOST_PARTS)
 
     def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:

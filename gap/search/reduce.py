@@ -13,7 +13,6 @@ without it is another fit.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.compare import Member, is_worth_a_name
 from walkerkit.gap.search.decision import LEAST_GAIN, TEMPERATURE
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.score import scored
+from walkerkit.gap.search.score import Scoring
 from walkerkit.gap.search.slopes import Slopes, posterior_equations
 from walkerkit.gap.search.structure import Fit, Slot
 
@@ -61,6 +60,11 @@ def members(
     return found
 
 
+def needed(objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray) -> Member:
+    """The most probable structure within a fit, as the first of its `members`."""
+    return _Reduction(objective, one, slopes, noise).best([])
+
+
 def ordinary(member: Member) -> list[str]:
     """The ordinary effects that a member has."""
     return [name for name in member.effects if name in CATALOGUE and CATALOGUE[name].ordinary]
@@ -68,9 +72,10 @@ def ordinary(member: Member) -> list[str]:
 
 class _Reduction:
     def __init__(self, objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray):
-        self._objective, self._fit, self._slopes, self._noise = objective, one, slopes, noise
+        self._objective, self._fit, self._slopes = objective, one, slopes
         every = np.arange(len(one.values))
-        self.scale = scored(objective, one, slopes, noise, every)
+        self._scoring = Scoring(objective, one, slopes, noise)
+        self.scale = self._scoring.scores(slopes.residual, every)
         normal, _ = posterior_equations(objective, one, slopes)
         self._covariance = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
         self._joints = [channel.joint for channel in objective.channels]
@@ -157,14 +162,7 @@ class _Reduction:
         residual = self._slopes.far(self._objective, moved)
         return Member(
             effects=_effects([self._fit.structure.slots[k] for k in kept]),
-            scores=scored(
-                self._objective,
-                self._fit,
-                replace(self._slopes, residual=residual),
-                self._noise,
-                kept,
-                self.scale.memory,
-            ),
+            scores=self._scoring.scores(residual, kept, self.scale.memory),
             fit=self._fit,
             kept=kept,
             values=self._fit.values + moved * self._fit.structure.scale,

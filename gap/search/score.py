@@ -1,6 +1,7 @@
 """Scores: how well a fitted structure predicts blocks of time that its fit has not seen.
 
-    scores = scored(objective, fit, slopes, noise, np.arange(len(fit.values)))
+    scoring = Scoring(objective, fit, slopes, noise)
+    scores = scoring.scores(slopes.residual, np.arange(len(fit.values)))
     scores.elpd(scores)     # (n_blocks,) log densities
 
 A block is half a second. Its score is the log density of its residual, under a multivariate
@@ -121,57 +122,73 @@ def _floor(objective: Objective, noise: FloatArray) -> FloatArray:
     return np.hypot(noise, NUMERICAL_LEFT * objective.numerical_size())
 
 
-def scored(
-    objective: Objective,
-    one: Fit,
-    slopes: Slopes,
-    noise: FloatArray,
-    kept: NDArray[np.intp],
-    memory: FloatArray | None = None,
-) -> Scores:
-    """Scores of a structure within a fit.
+class Scoring:
+    """Scores the structures within a fit.
 
     Args:
         objective: the recordings.
         one: the fit, to them.
-        slopes: its slopes there, with the residual of the structure.
+        slopes: its slopes there.
         noise: (n_scored,) of the measurement.
-        kept: indices of the values that the structure has; the others are fixed.
-        memory: of the residuals, where it is known.
     """
-    return Scores(
-        squares=_left_out(objective, one, slopes, kept),
-        count=objective.block_counts(),
-        memory=memory_of(objective, slopes.residual) if memory is None else memory,
-        floor=_floor(objective, noise),
-    )
 
+    def __init__(self, objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray):
+        self._objective = objective
+        self._floor = _floor(objective, noise)
+        self._count = objective.block_counts()
+        fold = objective.folds[objective.block]
+        self._parts = [np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1)]
+        self._jacobians = [slopes.jacobian[:, rows] for rows in self._parts]
+        n = len(one.values)
+        weights = objective.weights(one.mean_square)
+        self._weighted = [
+            (own * weights).reshape(n, own.shape[1] * own.shape[2]) for own in self._jacobians
+        ]
+        self._normal = np.stack(
+            [
+                weighted @ own.reshape(weighted.shape).T
+                for weighted, own in zip(self._weighted, self._jacobians, strict=True)
+            ]
+        )
+        ratio = one.structure.scale / one.structure.prior
+        self._prior = ratio**2 / objective.prior_samples
 
-def _left_out(objective: Objective, one: Fit, slopes: Slopes, kept: NDArray[np.intp]) -> FloatArray:
-    """(n_blocks, n_scored) sums of squares of each block, by a fit without it."""
-    residual, jacobian = slopes.residual, slopes.jacobian[kept]
-    if not len(kept):
-        return objective.block_squares(residual)
-    weights = objective.weights(one.mean_square)
-    ratio = (one.structure.scale / one.structure.prior)[kept]
-    prior = np.diag(ratio**2 / objective.prior_samples)
-    fold = objective.folds[objective.block]
-    parts = [np.flatnonzero(fold == one) for one in range(int(fold.max()) + 1)]
-    normal = np.empty((len(parts), len(kept), len(kept)))
-    pull = np.empty((len(parts), len(kept)))
-    for k, rows in enumerate(parts):
-        own = jacobian[:, rows]
-        weighted = (own * weights).reshape(len(kept), -1)
-        normal[k] = weighted @ own.reshape(len(kept), -1).T
-        pull[k] = weighted @ residual[rows].ravel()
-    total = normal.sum(axis=0) + prior
-    # What a part alone knows of may be open without it; its prior holds it then.
-    ridge = 1e-12 * np.trace(total) * np.eye(len(kept))
-    step = np.linalg.solve(total - normal + ridge, pull[..., None])
-    moved = np.empty_like(residual)
-    for rows, its in zip(parts, step, strict=True):
-        moved[rows] = residual[rows] + np.tensordot(its[:, 0], jacobian[:, rows], 1)
-    return objective.block_squares(moved)
+    def scores(
+        self, residual: FloatArray, kept: NDArray[np.intp], memory: FloatArray | None = None
+    ) -> Scores:
+        """Those of one structure.
+
+        Args:
+            residual: (rows, n_scored) of the structure.
+            kept: indices of the values that it has; the others are fixed.
+            memory: of the residuals, where it is known.
+        """
+        return Scores(
+            squares=self._left_out(residual, kept),
+            count=self._count,
+            memory=memory_of(self._objective, residual) if memory is None else memory,
+            floor=self._floor,
+        )
+
+    def _left_out(self, residual: FloatArray, kept: NDArray[np.intp]) -> FloatArray:
+        """(n_blocks, n_scored) sums of squares of each block, by a fit without it."""
+        if not len(kept):
+            return self._objective.block_squares(residual)
+        normal = self._normal[:, kept[:, None], kept]
+        total = normal.sum(axis=0) + np.diag(self._prior[kept])
+        pull = np.stack(
+            [
+                weighted[kept] @ residual[rows].ravel()
+                for weighted, rows in zip(self._weighted, self._parts, strict=True)
+            ]
+        )
+        # What a part alone knows of may be open without it; its prior holds it then.
+        ridge = 1e-12 * np.trace(total) * np.eye(len(kept))
+        step = np.linalg.solve(total - normal + ridge, pull[..., None])
+        moved = np.empty_like(residual)
+        for rows, jacobian, its in zip(self._parts, self._jacobians, step, strict=True):
+            moved[rows] = residual[rows] + np.tensordot(its[:, 0], jacobian[kept], 1)
+        return self._objective.block_squares(moved)
 
 
 def memory_of(objective: Objective, residual: FloatArray) -> FloatArray:

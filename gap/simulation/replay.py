@@ -119,8 +119,13 @@ class Replay:
 
     def of_segments(self, which: Iterable[int]) -> Replay:
         """Some of the segments alone."""
-        some = [self.segments[k] for k in which]
-        return Replay(self.robot, some, self.channels, hold=self._hold, n_threads=self.n_threads)
+        return self.of([self.segments[k] for k in which])
+
+    def of(self, segments: Sequence[Segment]) -> Replay:
+        """The same of other segments, which measure the same joints."""
+        return Replay(
+            self.robot, segments, self.channels, hold=self._hold, n_threads=self.n_threads
+        )
 
     def on(self, robot: Robot, channels: Sequence[Channel] | None = None) -> Replay:
         """The same segments on another robot; of other channels where these are given."""

@@ -7,7 +7,7 @@ import pytest
 
 from tests.gap.search.test_fit import noisy, objective, pendulum, run, sized, structure
 from walkerkit.gap.search.fit import evaluate, fit
-from walkerkit.gap.search.score import scored
+from walkerkit.gap.search.score import Scoring
 from walkerkit.gap.search.slopes import linearised
 
 FLOOR = 1e-3
@@ -42,7 +42,8 @@ def test_what_is_left_out_is_predicted_as_by_a_fit_without_it(recordings):
     tried = structure([robot], viscous_friction=["hip"], torque_bias=["hip"])
     (found,) = fit(one, evaluate(one, [(tried, np.array([0.25, 0.0]))]), iterations=5)
     slopes = linearised(one, found)
-    squares = scored(one, found, slopes, np.full(1, FLOOR), np.arange(2)).squares
+    scoring = Scoring(one, found, slopes, np.full(1, FLOOR))
+    squares = scoring.scores(slopes.residual, np.arange(2)).squares
     seen = one.block_squares(slopes.residual)
     for fold in range(one.folds.max() + 1):
         blocks = one.folds == fold
