@@ -8,15 +8,17 @@ the recordings do not want them, so that it uses up no name.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from walkerkit.gap.effects import Effect, Parameter
+from walkerkit.gap.search.compare import Member
 from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import polished
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.like_joints import Tied, tied
-from walkerkit.gap.search.needed import by_itself
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import needed
 from walkerkit.gap.search.settle import robustly, settled, trust_in_the_light_of
@@ -85,18 +87,35 @@ def _where_kinds_differ(
     alike = few.start(start)
     alike = _fitted_to_a_part(problem.screen, alike, progress, first, few.apart)
     found = few.apart(alike)
-    known: object = None
+    known: set[str] = set()
     for _ in range(_LOOKS):
         values = carried(found.values, found.structure, start.structure)
         there = problem.fit.by_own_error(replace(start, values=values))
         slopes = linearised(problem.fit.objective, there)
         member = needed(problem.fit.objective, there, slopes, problem.noise)
-        if member.effects == known:
+        places = {place for some in member.effects.values() for place in some}
+        if places <= known:
             break
-        known, found = member.effects, by_itself(problem, member)
+        known |= places
+        found = settled(
+            problem.fit, _at(known, there, member), passes=_PASSES, progress=progress, stage=_STAGE
+        )
         if problem.leaves_nothing(found):
             break
     return found
+
+
+def _at(places: Collection[str], one: Fit, member: Member) -> Fit:
+    """A fit at some places alone, where it begins with what a member of it has."""
+    terms = [
+        term if term.shared else replace(term, sites=tuple(s for s in term.sites if s in places))
+        for term in one.structure.terms
+    ]
+    structure = Structure(tuple(term for term in terms if term.sites), one.structure.robots)
+    begun = one.structure.zero.copy()
+    begun[member.kept] = member.values[member.kept]
+    values = np.clip(carried(begun, one.structure, structure), *structure.bounds)
+    return replace(one, structure=structure, values=values)
 
 
 def _fitted_to_a_part(
