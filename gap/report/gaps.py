@@ -28,6 +28,8 @@ class GapSize:
             friction.
         by_chance: how many times its noise floor so few restarts leave by chance, of the noise
             alone.
+        numerical_near: of a joint, the largest numerical floor of those that carry it or that it
+            carries, itself among them.
     """
 
     unit: str
@@ -36,6 +38,7 @@ class GapSize:
     noise_floor: float
     numerical_floor: float = 0.0
     by_chance: float = 1.0
+    numerical_near: float = 0.0
 
     @property
     def floor(self) -> float:
@@ -127,12 +130,10 @@ def _standing_out(joints: Mapping[str, GapSize]) -> tuple[str, ...]:
     """Joints whose own gap is far above their own floor, by how far.
 
     Many others that are at theirs hide it in the gap of all, as does one of another unit. What the
-    timestep leaves at one joint is no better known than what it leaves at its neighbours.
+    timestep leaves at one joint is no better known than what it leaves at those that it is moved by
+    or moves.
     """
-    numerical: dict[str, float] = {}
-    for size in joints.values():
-        numerical[size.unit] = max(numerical.get(size.unit, 0.0), size.numerical_floor)
-    floors = {n: math.hypot(one.noise_floor, numerical[one.unit]) for n, one in joints.items()}
+    floors = {n: math.hypot(one.noise_floor, one.numerical_near) for n, one in joints.items()}
     far = {
         n: one.after / floors[n]
         for n, one in joints.items()

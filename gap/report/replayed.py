@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -103,7 +104,7 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
 
     signals = dict.fromkeys(c.quantity for c in channels)
     position = size(positions)
-    joints = {c.joint: size([c]) for c in positions}
+    joints = _beside_each_other(problem.robots[0], {c.joint: size([c]) for c in positions})
     finer_position, finer_joints = None, {}
     # The timestep's error is the same each time, where that of restarts comes by chance.
     if position.numerical_floor > own_noise(positions):
@@ -115,6 +116,7 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
                 before=finer_before.rms(chosen),
                 after=finer.rms(chosen),
                 numerical_floor=coarse.numerical_floor / (_QUARTER - 1),
+                numerical_near=coarse.numerical_near / (_QUARTER - 1),
             )
 
         finer_position = at_finer(position, positions)
@@ -289,6 +291,29 @@ def _rms_change(one: Replayed, others: Sequence[Replayed], channels: Sequence[Ch
     """Root mean square of the changes to several others; 0 of none."""
     changed = np.array([_changed(one, other, channels) for other in others])
     return math.sqrt(np.mean(np.square(changed))) if changed.size else 0.0
+
+
+def _beside_each_other(robot: Robot, joints: Mapping[str, GapSize]) -> dict[str, GapSize]:
+    """The gaps of joints, with what the timestep leaves at those on the way to or from each."""
+    ways = {name: _to_the_world(robot.model, robot.joints[name].id) for name in joints}
+
+    def near(name: str) -> float:
+        return max(
+            size.numerical_floor
+            for other, size in joints.items()
+            if size.unit == joints[name].unit
+            and (ways[other][0] in ways[name] or ways[name][0] in ways[other])
+        )
+
+    return {name: replace(size, numerical_near=near(name)) for name, size in joints.items()}
+
+
+def _to_the_world(model: mujoco.MjModel, joint: int) -> list[int]:
+    """The bodies from a joint's own down to the world, which is left out."""
+    way = [int(model.jnt_bodyid[joint])]
+    while parent := int(model.body_parentid[way[-1]]):
+        way.append(parent)
+    return way
 
 
 def _restarts(replayed: Replayed, channels: Sequence[Channel]) -> int:

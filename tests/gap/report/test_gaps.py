@@ -85,8 +85,8 @@ def test_a_gap_of_one_joint_is_not_hidden_by_the_others(leg: LegDiagnosis) -> No
     assert finer.hidden_joints == ()
     assert not replace(finer, finer_joints={"hip": still, "knee": moved}).position_at_floor
     # The timestep leaves as much at a neighbour.
-    coarse = replace(still, numerical_floor=0.0015)
-    assert replace(gap, joints={"hip": coarse, "knee": moved}).position_at_floor
+    coarse = replace(moved, numerical_near=0.0015)
+    assert replace(gap, joints={"hip": still, "knee": coarse}).position_at_floor
     # A gap of all joints together hides none.
     assert replace(gap, position=moved).hidden_joints == ()
 
