@@ -84,19 +84,17 @@ def _where_kinds_differ(
     On a floating base each number moves all channels, and takes simulations of its own: which of
     them single joints need is read off the slopes at what their kinds have.
     """
-    alike = few.start(start)
-    alike = _fitted_to_a_part(problem.screen, alike, progress, first, few.apart)
-    found = few.apart(alike)
-    known: set[str] = set()
+    alike = _fitted_to_a_part(problem.screen, few.start(start), progress, first, few.apart)
+    found, known = few.apart(alike), None
     for _ in range(_LOOKS):
         values = carried(found.values, found.structure, start.structure)
         there = problem.fit.by_own_error(replace(start, values=values))
         slopes = linearised(problem.fit.objective, there)
         member = needed(problem.fit.objective, there, slopes, problem.noise)
         places = {place for some in member.effects.values() for place in some}
-        if places <= known:
+        if known is not None and places <= known:
             break
-        known |= places
+        known = places | (known or set())
         found = settled(
             problem.fit, _at(known, there, member), passes=_PASSES, progress=progress, stage=_STAGE
         )
@@ -146,12 +144,12 @@ def _fitted_to_a_part(
     return _late_last_too(improved, start, found)
 
 
-def _late_last_too(improved: Callable[[Fit], Fit], start: Fit, further: Fit | None = None) -> Fit:
-    """The better of a fit of all at once, from a start or from further on, and one of delays last.
+def _late_last_too(improved: Callable[[Fit], Fit], start: Fit, further: Fit) -> Fit:
+    """The better of a fit of all at once, from further on, and one of delays last, from a start.
 
     A delay stands in for friction and gains where it is let loose first, and may not come back.
     """
-    structure, found = start.structure, improved(further or start)
+    structure, found = start.structure, improved(further)
     prompt = [t for t in structure.terms if not any(p.is_delay for p in _parameters(structure, t))]
     if not 0 < len(prompt) < len(structure.terms):
         return found
