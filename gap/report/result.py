@@ -185,19 +185,20 @@ class Result:
             ) from None
         return path
 
-    def save(self, folder: str | Path) -> Path:
+    def save(self, folder: str | Path, *, overwrite: bool = True) -> Path:
         """Writes diagnosis.json, report.html, the mended models and actuators.json.
 
         Args:
-            folder: made if it is missing; files of the same names are replaced.
+            folder: made if it is missing.
+            overwrite: whether files of the same names are replaced.
 
         Returns:
             The folder.
 
         Raises:
-            InputError: the folder cannot be written.
+            InputError: the folder cannot be written, or has such files and none may be replaced.
         """
-        return save(self, Path(folder))
+        return save(self, Path(folder), overwrite=overwrite)
 
 
 def summarise(

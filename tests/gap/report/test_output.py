@@ -349,7 +349,13 @@ def test_several_effects_at_once_reproduce_their_gap(servo: Path, tmp_path: Path
     files = record(servo, tmp_path, *(EFFECTS[name] for name in names))
     result = workflow.diagnose(servo, files, effects=names, n_threads=1)
     assert {named.effect for named in result.diagnosis.effects} == set(names)
-    out = result.save(tmp_path / "out")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "model.xml").write_text("my own", encoding="utf-8")
+    with pytest.raises(InputError, match=r"out/model\.xml: is in the way"):
+        result.save(out, overwrite=False)
+    assert (out / "model.xml").read_text(encoding="utf-8") == "my own"
+    result.save(out)
     same_gap(workflow.compare(out / "model.xml", files, n_threads=1).gap, result.diagnosis.gap)
 
 
