@@ -273,7 +273,8 @@ class FootOffset(Effect):
                 model, int(model.geom_bodyid[geom]), foot.body
             )
             # MuJoCo takes a geom at its body's origin, or centre of mass, to stay there.
-            same[moved, geom] = _NOT_THERE.get(int(same[0, geom]), int(same[0, geom]))
+            own = int(model.geom_sameframe[geom])
+            same[moved, geom] = _NOT_THERE.get(own, own)
 
 
 def _shanks(robot: Robot) -> dict[str, Foot]:

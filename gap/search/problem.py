@@ -21,7 +21,7 @@ from walkerkit.gap.search.numerical_error import Way
 from walkerkit.gap.search.objective import Objective, refine
 from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.restarts import by_chance, of_restarts
-from walkerkit.gap.search.structure import Fit, Structure, Term
+from walkerkit.gap.search.structure import Case, Fit, Structure, Term
 from walkerkit.gap.simulation.branches import met
 from walkerkit.gap.simulation.channel import Channel, base_channels, estimate_error
 from walkerkit.gap.simulation.commands import Hold
@@ -337,11 +337,17 @@ def build(
 
     on_feet = any(robot.base for robot in sized)
     enough = _MOST_STEPS_ON_FEET if on_feet else _MOST_STEPS
-    chosen = picked(fitted, share(fitted, enough))
+    gaps, told = None, None
     if on_feet:
-        restarts = of_restarts(replays(chosen, kept=scored), n_threads)
-        floor = np.hypot(floor, restarts)
-    fit = half(fitted, chosen)
+        # Few of so many windows are fitted, and a foot may slip in others.
+        told = replays([cut(r, window) for r in fitted])
+        every = objective(told)
+        as_given = Case(structure=Structure((), tuple(sized)), values=np.zeros((1, 0)))
+        gaps = Gaps.of(every, every.simulated([as_given])[0][0])
+    chosen = picked(fitted, share(fitted, enough), gaps=gaps)
+    if on_feet:
+        floor = np.hypot(floor, of_restarts(replays(chosen, kept=scored), n_threads))
+    fit = half(fitted, chosen, told)
     parts = Latest(_MOST_PARTS)
 
     def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:

@@ -98,6 +98,7 @@ class EffectContract:
         np.testing.assert_array_equal(
             replayed(robot, recording, trials), np.concatenate([expected, expected])
         )
+        assert structure.trials(robot, np.empty((0, len(structure.slots)))).n == 0
 
     @pytest.mark.parametrize("variant", ["plain", "awkward"])
     def test_what_shapes_it_changes_nothing_by_itself(self, variant, request):
