@@ -20,7 +20,7 @@ from walkerkit.gap.report.locate import gap_map
 from walkerkit.gap.report.regimes import regimes
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.problem import Problem, channel_noise
-from walkerkit.gap.search.restarts import by_chance, restarted
+from walkerkit.gap.search.restarts import DRAWS, by_chance, restarted
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are, predict_together
 from walkerkit.gap.simulation.robot import Robot
@@ -29,8 +29,6 @@ from walkerkit.gap.simulation.trials import Trials
 FloatArray = NDArray[np.float64]
 
 _QUARTER = 4  # of the timestep, at which the numerical floor is taken
-_DRAWS = 6  # of the noise of restarts
-_RARELY = 0.002  # probability of what is not put down to chance
 _LONGEST_TRACE = 20000  # samples
 _AND = " and "  # between units
 
@@ -275,11 +273,11 @@ def _misread(problem: Problem, replayed: Replayed) -> list[Replayed]:
     rng = np.random.default_rng(0)
     trials = []
     for replay in replayed.replays:
-        trials.append(Trials(replay.robot, _DRAWS))
+        trials.append(Trials(replay.robot, DRAWS))
         for errors in trials[-1].start_errors.values():
             errors += rng.standard_normal(errors.shape)
     predicted = predict_together(replayed.replays, trials, problem.n_threads)
-    draws = [tuple(one[k] for one in predicted) for k in range(_DRAWS)]
+    draws = [tuple(one[k] for one in predicted) for k in range(DRAWS)]
     return [
         Replayed(replays=replayed.replays, predicted=one)
         for one in draws

@@ -18,7 +18,7 @@ from walkerkit.gap.simulation.replay import Replay, as_they_are
 
 FloatArray = NDArray[np.float64]
 
-_DRAWS = 6
+DRAWS = 6  # of the noise of restarts
 _RARELY = 0.002  # probability of what is not put down to chance
 
 
@@ -35,7 +35,7 @@ def restarted(replays: Sequence[Replay], n_threads: int) -> list[list[FloatArray
     """
     every = {id(s.recording): s.recording for r in replays for s in r.segments}
     found = []
-    for draw in range(_DRAWS):
+    for draw in range(DRAWS):
         noisier = {
             key: with_more_noise(one, (draw, seed)) for seed, (key, one) in enumerate(every.items())
         }
