@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from walkerkit.gap.effects.base import EVERYWHERE
+from walkerkit.gap.simulation.branches import descends
 from walkerkit.gap.simulation.robot import Joint, Robot
 
 Condition = Callable[[Robot, Sequence[str]], bool]
@@ -143,7 +144,7 @@ def _turns_all_in_gravity(robot: Robot, joints: Sequence[str]) -> bool:
         not root.slide
         and model.jnt_stiffness[root.id] == 0
         and all(
-            _descends(model, int(model.jnt_bodyid[other.id]), int(model.jnt_bodyid[root.id]))
+            descends(model, int(model.jnt_bodyid[other.id]), int(model.jnt_bodyid[root.id]))
             and other.dof >= root.dof
             for other in robot.joints.values()
         )
@@ -156,7 +157,7 @@ def _turns_one_body_in_gravity(robot: Robot, joints: Sequence[str]) -> bool:
     if model.nv != 1 or not _turns_all_in_gravity(robot, joints):
         return False
     carrier = int(model.jnt_bodyid[robot.joints[_listed(robot, joints)[0]].id])
-    moving = [body for body in range(1, model.nbody) if _descends(model, body, carrier)]
+    moving = [body for body in range(1, model.nbody) if descends(model, body, carrier)]
     return sum(bool(model.body_mass[body] > 0) for body in moving) == 1
 
 
@@ -186,12 +187,6 @@ def _listed(robot: Robot, joints: Sequence[str]) -> list[str]:
     """The joints by name, also where all are meant."""
     everything = not joints or tuple(joints) == (EVERYWHERE,)
     return list(robot.joints) if everything else [name for name in joints if name in robot.joints]
-
-
-def _descends(model: mujoco.MjModel, body: int, carrier: int) -> bool:
-    while body and body != carrier:
-        body = int(model.body_parentid[body])
-    return body == carrier
 
 
 def _gravity_leaves_alone(robot: Robot, joint: Joint) -> bool:

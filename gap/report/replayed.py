@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.problem import Problem, channel_noise
 from walkerkit.gap.search.restarts import DRAWS, by_chance, restarted
 from walkerkit.gap.search.structure import Fit
+from walkerkit.gap.simulation.branches import descends
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are, predict_together
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
@@ -293,25 +293,20 @@ def _rms_change(one: Replayed, others: Sequence[Replayed], channels: Sequence[Ch
 
 def _beside_each_other(robot: Robot, joints: Mapping[str, GapSize]) -> dict[str, GapSize]:
     """The gaps of joints, with what the timestep leaves at those on the way to or from each."""
-    ways = {name: _to_the_world(robot.model, robot.joints[name].id) for name in joints}
+    model = robot.model
+    body = {name: int(model.jnt_bodyid[robot.joints[name].id]) for name in joints}
 
     def near(name: str) -> float:
         return max(
             size.numerical_floor
             for other, size in joints.items()
             if size.unit == joints[name].unit
-            and (ways[other][0] in ways[name] or ways[name][0] in ways[other])
+            and (
+                descends(model, body[name], body[other]) or descends(model, body[other], body[name])
+            )
         )
 
     return {name: replace(size, numerical_near=near(name)) for name, size in joints.items()}
-
-
-def _to_the_world(model: mujoco.MjModel, joint: int) -> list[int]:
-    """The bodies from a joint's own down to the world, which is left out."""
-    way = [int(model.jnt_bodyid[joint])]
-    while parent := int(model.body_parentid[way[-1]]):
-        way.append(parent)
-    return way
 
 
 def _restarts(replayed: Replayed, channels: Sequence[Channel]) -> int:

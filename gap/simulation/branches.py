@@ -95,3 +95,10 @@ def _linked(branch: list[int], pairs: Iterable[tuple[int, int]]) -> list[int]:
         first, last = sorted((branch[one], branch[other]))
         branch = [first if own == last else own for own in branch]
     return branch
+
+
+def descends(model: mujoco.MjModel, body: int, carrier: int) -> bool:
+    """Whether a body is another, or is carried by it."""
+    while body and body != carrier:
+        body = int(model.body_parentid[body])
+    return body == carrier
