@@ -1,6 +1,6 @@
 """Like joints share: a structure with one number for all joints of a kind.
 
-    few = tied(fit)                                       # None where no two joints are alike
+    few = tied(fit.structure)
     (found,) = polished(objective, [few.start(fit)], iterations=4)
     fit = few.apart(found)
 
@@ -121,7 +121,13 @@ class Tied(Structure):
         return replace(one, structure=self.whole, values=one.values[self.of_whole])
 
 
-def tied(one: Fit) -> Tied | None:
-    """The structure of a fit with a number for each kind of joint; None where none are alike."""
-    kinds = {kinds_of_joints(robot) for robot in one.structure.robots}
-    return Tied.of(one.structure, kinds.pop()) if len(kinds) == 1 else None
+def tied(structure: Structure) -> Tied | None:
+    """A structure with a number for each kind of joint, or where none are alike for all of them.
+
+    None where that has as many numbers.
+    """
+    robots = structure.robots
+    kinds = {kinds_of_joints(robot) for robot in robots}
+    alike = Tied.of(structure, kinds.pop()) if len(kinds) == 1 else None
+    joints = tuple(dict.fromkeys(name for robot in robots for name in robot.joints))
+    return alike or Tied.of(structure, (joints,))

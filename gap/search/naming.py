@@ -103,7 +103,7 @@ class Begun:
 
     Attributes:
         book: what was fitted.
-        plain: the fit of all that is ordinary.
+        plain: the fit of all that is ordinary, and of what a floating base and its ground need.
         searched: whether anything is to be looked for: the model as given leaves a gap.
     """
 
@@ -195,12 +195,13 @@ class _Search:
 
     def rare(self, effects: Sequence[Effect], current: Fit) -> None:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
+        begun = _rare(current)  # of a floating base, which no other met
         current = self._grown(effects, current)
         for _ in range(_EXCHANGES):
-            self._exchange(effects, current)
+            self._exchange(effects, current, begun)
             if self._book.best.fit.structure.key == current.structure.key:
                 break
-            current = self._grown(effects, self._book.best.fit)
+            current, begun = self._grown(effects, self._book.best.fit), []
 
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
         """The structure that the table prefers, with as many rare effects as it wants."""
@@ -215,10 +216,16 @@ class _Search:
             current = _at_needed_places(problem, book, best)
         return current
 
-    def _exchange(self, effects: Sequence[Effect], current: Fit) -> None:
-        """Each rare effect of a fit, but for its latest, meets what could be in its place."""
+    def _exchange(self, effects: Sequence[Effect], current: Fit, unmet: Sequence[Term]) -> None:
+        """Each rare effect of a fit, but for its latest, meets what could be in its place.
+
+        Some have met none of the others, and meet them all.
+        """
         problem, book = self._problem, self._book
-        for term in _rare(current)[:-1]:  # the last met the others when it was added
+        found = _rare(current)
+        for term in found:
+            if term is found[-1] and term not in unmet:  # it met the others when it was added
+                continue
             name = term.effect.name
             if not self._effort.allows(f"others in the place of {name}"):
                 continue
@@ -228,9 +235,9 @@ class _Search:
                 effect
                 for effect in effects
                 if effect is not term.effect
-                and (effect.name in always or book.has_tried(effect.name))
+                and (term in unmet or effect.name in always or book.has_tried(effect.name))
             ]
-            self._propose(rivals, others, pairs=False, always=always)
+            self._propose(rivals, others, pairs=False, always=always, tamed=term not in unmet)
 
     def _propose(
         self,
@@ -239,17 +246,18 @@ class _Search:
         *,
         pairs: bool = True,
         always: Collection[str] = (),
+        tamed: bool = True,
     ) -> None:
         """Enters what some effects promise on top of a fit.
 
-        Also where a few wild blocks do not outvote the rest.
+        If tamed, also where a few wild blocks do not outvote the rest.
         """
         problem, book = self._problem, self._book
         near = book.slopes(current)
         found = proposals(
             problem, current, near, effects, self._progress, pairs=pairs, always=always
         )
-        tame = without_the_wild(problem, current)
+        tame = without_the_wild(problem, current) if tamed else None
         if tame is not None:
             its = near.trusting(tame.fit.objective, current)
             again = proposals(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -184,6 +185,11 @@ class Problem:
         return self.beliefs.terms(effects, self.robots, self.joints)
 
     @property
+    def on_feet(self) -> bool:
+        """Whether a base floats, so that each number changes all channels."""
+        return any(robot.base is not None for robot in self.robots)
+
+    @property
     def nothing(self) -> Structure:
         """The structure that adds nothing."""
         return Structure((), self.robots)
@@ -195,7 +201,7 @@ class Problem:
         """
         left = NUMERICAL_LEFT * self.fit.objective.numerical_size()
         most = _AT_FLOOR
-        if any(robot.base for robot in self.robots):
+        if self.on_feet:
             # One restart is wrong one way for all of its window, in each channel.
             windows = sum(len(replay.segments) for replay in self.fit.objective.replays)
             most = max(most, by_chance(windows, len(self.channels)))
@@ -250,7 +256,10 @@ def build(
         for robot, fit, held in zip(robots, fitted, held_out, strict=True)
     ]
 
-    fewest = min(_FEWEST, -(-_FEWEST_OF_ALL // len(sized)))
+    on_feet = any(robot.base for robot in sized)
+    few = min(_FEWEST, -(-_FEWEST_OF_ALL // len(sized)))
+    # As long together where they are shorter.
+    fewest = math.ceil(few * STRETCH / window) if window and on_feet else few
 
     def replays(
         chosen: Sequence[Sequence[Segment]],
@@ -335,7 +344,6 @@ def build(
             found.append(tuple(every[k] for k in some))
         return tuple(found)
 
-    on_feet = any(robot.base for robot in sized)
     enough = _MOST_STEPS_ON_FEET if on_feet else _MOST_STEPS
     gaps, told = None, None
     if on_feet:
@@ -351,8 +359,9 @@ def build(
     parts = Latest(_MOST_PARTS)
 
     def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:
+        most = most * enough // _MOST_STEPS  # as much of what is fitted on feet as of others
         small = share(fitted, most)
-        if small == 1 or most >= enough:
+        if small == 1:
             return fit
         some = picked(fitted, small, stretch, gaps)
         where = tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)

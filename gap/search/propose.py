@@ -76,7 +76,9 @@ def proposals(
     if not chosen:
         return []
     screen = problem.screen.objective
-    starts = fit(
+    # On feet each number takes simulations of its own: its slopes are carried along.
+    warmed = polished if problem.on_feet else fit
+    starts = warmed(
         screen,
         evaluate(screen, chosen),
         iterations=_WARM,

@@ -61,8 +61,8 @@ def members(
 
 
 def needed(objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray) -> Member:
-    """The most probable structure within a fit, as the first of its `members`."""
-    return _Reduction(objective, one, slopes, noise).best([])
+    """The most probable structure within a fit, of which whatever it does not need is gone."""
+    return _Reduction(objective, one, slopes, noise, any_may_go=True).best([])
 
 
 def ordinary(member: Member) -> list[str]:
@@ -71,8 +71,17 @@ def ordinary(member: Member) -> list[str]:
 
 
 class _Reduction:
-    def __init__(self, objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray):
+    def __init__(
+        self,
+        objective: Objective,
+        one: Fit,
+        slopes: Slopes,
+        noise: FloatArray,
+        *,
+        any_may_go: bool = False,
+    ):
         self._objective, self._fit, self._slopes = objective, one, slopes
+        self._any_may_go = any_may_go
         every = np.arange(len(one.values))
         self._scoring = Scoring(objective, one, slopes, noise)
         self.scale = self._scoring.scores(slopes.residual, every)
@@ -85,7 +94,10 @@ class _Reduction:
             (term.effect.name, place): one.structure.columns(term, place)
             for term in one.structure.terms
             if term.effect.name in CATALOGUE
-            and (term.effect.ordinary or (term.effect.fitted and len(term.places) > 1))
+            and (
+                term.effect.ordinary
+                or (term.effect.fitted and (any_may_go or len(term.places) > 1))
+            )
             for place in term.places
         }
 
@@ -125,7 +137,9 @@ class _Reduction:
         return best
 
     def _may_go(self, unit: Unit, dropped: Sequence[Unit]) -> bool:
-        """Whether it is ordinary, or its effect is at other places, too."""
+        """Whether it is ordinary, or its effect is at other places, too, or anything may go."""
+        if self._any_may_go:
+            return True
         others = (other for other in self.units if other[0] == unit[0] and other != unit)
         return CATALOGUE[unit[0]].ordinary or any(other not in dropped for other in others)
 

@@ -46,6 +46,15 @@ def test_what_the_trunk_carries_is_named(standing: Path) -> None:
     assert not any("out of step" in note for note in found.notes)
 
 
+def test_what_the_trunk_carries_is_not_taken_for_weak_drives(standing: Path) -> None:
+    ordinary = ("viscous_friction", "position_gain", "command_delay")
+    found = gap.diagnose(standing, logs(standing, LOAD), effects=(*FEW, *ordinary)).diagnosis
+    surest, *others = found.effects
+    assert (surest.effect, surest.bodies) == ("payload", ("trunk",))
+    assert not [one.effect for one in others if one.effect == "position_gain"]
+    assert surest.parameters[0].value == pytest.approx(1.5, abs=0.15)
+
+
 def test_nothing_is_named_where_nothing_is_missing(standing: Path) -> None:
     found = gap.diagnose(standing, logs(standing), effects=FEW).diagnosis
     assert found.effects == ()

@@ -105,6 +105,10 @@ def test_a_tied_structure_moves_its_joints_together(moved) -> None:
 def test_joints_that_are_all_different_are_not_tied() -> None:
     own = robot(right_kp=30.0)
     assert Tied.of(structure(own), kinds_of_joints(own)) is None
+    # A plain fit of few numbers is to be had all the same: one for all.
+    few = tied(structure(own))
+    assert few is not None
+    assert [slot.key[0] for slot in few.slots] == ["viscous_friction", "armature"]
 
 
 def test_a_tied_fit_finds_what_like_joints_share_and_is_a_start_of_the_whole(moved) -> None:
@@ -113,7 +117,7 @@ def test_a_tied_fit_finds_what_like_joints_share_and_is_a_start_of_the_whole(mov
     objective = Objective([replay], CHANNELS, np.full(3, 1e-5))
     (nothing,) = evaluate(objective, [(Structure((), (own,)), np.zeros(0))])
     start = extended(nothing, structure(own).terms)
-    few = tied(start)
+    few = tied(start.structure)
     assert few is not None
     (found,) = polished(objective, [few.start(start)], iterations=10)
     apart = few.apart(found)
