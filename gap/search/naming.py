@@ -230,6 +230,8 @@ class _Search:
             if not self._effort.allows(f"others in the place of {name}"):
                 continue
             others = book.add(_without(problem, current, [term]))
+            if term in unmet and book.is_enough(others, current):
+                continue  # what is worth no name needs no rivals
             always = [e.name for e in effects if e.name in term.effect.extends]
             rivals = [
                 effect

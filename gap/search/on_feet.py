@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import EVERYWHERE, Effect
 from walkerkit.gap.search.compare import Member
+from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import evaluate, polish, polished
 from walkerkit.gap.search.like_joints import Tied
@@ -65,7 +66,7 @@ def on_feet(
     found: Fit | None = None
     known: set[tuple[str, str]] = set()
     for _ in range(_LOOKS):
-        member = _needed(problem, replace(everywhere, values=values), progress)
+        everything, member = _needed(problem, replace(everywhere, values=values), progress)
         wanted = {(name, place) for name, places in member.effects.items() for place in places}
         if found is not None and wanted <= known:
             break
@@ -77,14 +78,15 @@ def on_feet(
             progress=progress,
             stage=_STAGE,
         )
-        if problem.leaves_nothing(found):
+        # What single joints could have besides would not be worth a name.
+        if problem.leaves_nothing(found) or found.score < everything.score + LEAST_GAIN:
             break
         values = carried(found.values, found.structure, everywhere.structure)
     return found or start
 
 
-def _needed(problem: Problem, everywhere: Fit, progress: Progress | None) -> Member:
-    """What is needed of a fit of everything everywhere, by slopes that are found once."""
+def _needed(problem: Problem, everywhere: Fit, progress: Progress | None) -> tuple[Fit, Member]:
+    """A fit of everything everywhere, by slopes that are found once, and what is needed of it."""
     objective = problem.fit.objective
     there = problem.fit.by_own_error(everywhere)
     there, slopes = polish(
@@ -97,7 +99,8 @@ def _needed(problem: Problem, everywhere: Fit, progress: Progress | None) -> Mem
         stage=_STAGE,
     )
     there = problem.fit.by_own_error(there)
-    return needed(objective, there, slopes.at_another_error(objective, there), problem.noise)
+    slopes = slopes.at_another_error(objective, there)
+    return there, needed(objective, there, slopes, problem.noise)
 
 
 def _alike(
