@@ -100,10 +100,4 @@ def _settled(
 
 def _of_kept(member: Member) -> Structure:
     structure = member.fit.structure
-    kept = {structure.slots[k].key[:2] for k in member.kept}
-    terms = []
-    for term in structure.terms:
-        places = tuple(place for place in term.places if (term.effect.name, place) in kept)
-        if places:
-            terms.append(term if term.shared else replace(term, sites=places))
-    return merged(Structure(tuple(terms), structure.robots))
+    return merged(structure.at({structure.slots[k].key[:2] for k in member.kept}))

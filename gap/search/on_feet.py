@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.effects import EVERYWHERE, Effect
+from walkerkit.gap.effects import Effect
 from walkerkit.gap.search.compare import Member
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
@@ -25,7 +25,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import needed
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import linearised
-from walkerkit.gap.search.structure import Fit, Structure, Term, carried, extended
+from walkerkit.gap.search.structure import Fit, Term, carried, extended
 
 FloatArray = NDArray[np.float64]
 
@@ -152,15 +152,7 @@ def _of_base_and_ground(problem: Problem, effects: Sequence[Effect]) -> list[Ter
 
 def _at(wanted: Collection[tuple[str, str]], everywhere: Fit, member: Member) -> Fit:
     """What is wanted of a fit of everything everywhere, beginning with what a member has of it."""
-    terms = []
-    for term in everywhere.structure.terms:
-        its = tuple(
-            site
-            for site in term.sites
-            if (term.effect.name, EVERYWHERE if term.shared else site) in wanted
-        )
-        terms += [replace(term, sites=its)] if its else []
-    structure = Structure(tuple(terms), everywhere.structure.robots)
+    structure = everywhere.structure.at(wanted)
     whole = member.fit.structure
     begun = whole.zero.copy()
     begun[member.kept] = member.values[member.kept]

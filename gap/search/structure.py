@@ -6,7 +6,7 @@ trials = structure.trials(robot, values)      # values (n, n_parameters)
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -88,6 +88,15 @@ class Structure:
     def key(self) -> tuple[tuple[str, tuple[str, ...], bool], ...]:
         """Its terms by name, site, and whether they are shared, in order."""
         return tuple((term.effect.name, term.sites, term.shared) for term in self.terms)
+
+    def at(self, units: Collection[tuple[str, str]]) -> Structure:
+        """The structure with its effects at some of their places alone, (name, place) each."""
+        terms = []
+        for term in self.terms:
+            places = tuple(p for p in term.places if (term.effect.name, p) in units)
+            if places:
+                terms.append(term if term.shared else replace(term, sites=places))
+        return replace(self, terms=tuple(terms))
 
     @cached_property
     def zero(self) -> FloatArray:
