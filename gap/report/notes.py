@@ -149,8 +149,8 @@ def notes(
         )
     if any(robot.reads_effort_first for robot in problem.robots):
         yield (
-            "Efforts were taken to be read before the targets beside them act, as by a loop that "
-            "reads, computes and sends; the recordings agree with that."
+            "Efforts were taken to be read before the targets beside them act, or in the cycle "
+            "before, as by a loop that reads, computes and sends; the recordings agree with that."
         )
     if any(robot.starts_as_stepped for robot in problem.robots):
         yield (

@@ -37,6 +37,7 @@ REMADE: Mapping[Way, Remake] = {
     "integrator": lambda robot: robot.refined(_REFINEMENT, other_integrator=True),
     "friction": lambda robot: robot.refined(_REFINEMENT, as_dry_as_it_goes=True),
     "reading": lambda robot: replace(robot, reads_effort_first=True),
+    "earlier": lambda robot: robot.reading_earlier(1.0),
     "quarter": lambda robot: robot.refined(_REFINEMENT**2),
 }
 
@@ -45,9 +46,11 @@ def other_ways(
     robots: Sequence[Robot], channels: Sequence[Channel], hold: Hold
 ) -> Mapping[Way, Remake]:
     """How else some robots are simulated and read, to show the numerical error."""
+    efforts = any(channel.signal == "effort" for channel in channels)
     needed: Mapping[Way, bool] = {
         "friction": any(robot.has_dry_friction for robot in robots),
-        "reading": hold != "linear" and any(channel.signal == "effort" for channel in channels),
+        "reading": hold != "linear" and efforts,
+        "earlier": efforts,
     }
     return {way: remake for way, remake in REMADE.items() if needed.get(way, True)}
 

@@ -5,7 +5,8 @@ timestep change then, are added to a prediction by the factors that suit the mea
 for a log from a simulation with the same timestep; 1, 0, about 1 and up to 2 for a machine, which
 has no such error, if the timesteps are a half and a quarter. So no effect is named for an error
 that a finer step removes, or for how MuJoCo's solver rounds off the dry friction of a model. Nor
-for the order in which a control loop reads efforts and sends targets, which a log does not tell.
+for the order in which a control loop reads efforts and sends targets, or for whether it logs those
+of the cycle before, which a log does not tell.
 Errors of the states that segments start from are taken out beside it (`starts`).
 """
 
@@ -23,10 +24,11 @@ from walkerkit.gap.search.starts import Starts
 FloatArray = NDArray[np.float64]
 _Float = TypeVar("_Float", np.float32, np.float64)
 
-Way = Literal["half", "integrator", "friction", "reading", "quarter"]
+Way = Literal["half", "integrator", "friction", "reading", "earlier", "quarter"]
 """Another way to integrate: half the timestep, and over that another integrator, friction that is
 as dry as it goes, and a quarter of the timestep. And another way to read efforts: before the
-targets beside them act, as a loop does that reads, computes and sends."""
+targets beside them act, as a loop does that reads, computes and sends, and a timestep earlier, as
+one does that logs those of the cycle before."""
 
 # Of an error that goes with the timestep, half of it is in half the step: twice the change takes
 # all of it out, and another integrator's is in the log by no more than twice what half of it shows.
@@ -35,9 +37,12 @@ _FACTORS: Final[Mapping[Way, tuple[float, float]]] = {
     "integrator": (0.0, 2.0),
     "friction": (0.0, 2.0),
     "reading": (0.0, 1.0),
+    "earlier": (0.0, 1.0),
     "quarter": (0.0, 2.5),
 }
-_OVER_OWN = ("half", "reading")  # the others change something of half the timestep
+OF_READING: Final = ("reading", "earlier")
+"""Those that change nothing but how efforts are read."""
+_OVER_OWN = ("half", *OF_READING)  # the others change something of half the timestep
 _SWEEPS = 30
 
 
@@ -90,7 +95,7 @@ class NumericalError:
     @property
     def of_the_timestep(self) -> FloatArray:
         """(k, rows, n_scored) those changes that come of how it is integrated."""
-        return self.changes[[way != "reading" for way in self.ways]]
+        return self.changes[[way not in OF_READING for way in self.ways]]
 
     @property
     def bounds(self) -> FloatArray:

@@ -17,8 +17,8 @@ from walkerkit.gap.recordings.segments import Segment, cut, stretches
 from walkerkit.gap.search.beliefs import NOTHING, Beliefs
 from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.excerpt import Gaps, representative, spread
-from walkerkit.gap.search.half import REMADE, STRETCH, Half, Remake, Searched, other_ways
-from walkerkit.gap.search.numerical_error import Way
+from walkerkit.gap.search.half import STRETCH, Half, Remake, Searched, other_ways
+from walkerkit.gap.search.numerical_error import OF_READING, Way
 from walkerkit.gap.search.objective import Objective, refine
 from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.restarts import by_chance, of_restarts
@@ -145,16 +145,17 @@ class Problem:
         Efforts may be read before targets, and restarts may take the velocities of a log that a
         simulation made in these very steps.
         """
-        problem = self._remade(REMADE["reading"]) if self._reads_first(explained) else self
+        problem = self
+        if any(channel.signal == "effort" for channel in self.channels):
+            self.refine(explained)
+            # What is missing may look like it where it shows, in one half alone.
+            first, age = (min(self._factors(way, explained)) for way in OF_READING)
+            if first + age > _RATHER:
+                problem = self._remade(lambda robot: robot.reading_earlier(age))
         return problem._remade(_as_stepped) if self._starts_as_stepped(explained) else problem
 
-    def _reads_first(self, explained: Fit) -> bool:
-        if "reading" not in other_ways(self.robots, self.channels, self.hold):
-            return False
-        self.refine(explained)
-        halves = self.fit, self.held
-        factors = [half.objective.factor("reading", explained.case) for half in halves]
-        return bool(np.mean(factors) > _RATHER)
+    def _factors(self, way: Way, explained: Fit) -> list[float]:
+        return [half.objective.factor(way, explained.case) for half in (self.fit, self.held)]
 
     def _starts_as_stepped(self, explained: Fit) -> bool:
         """Whether restarts as stepped leave less than half of what a fit leaves."""

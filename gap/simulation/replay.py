@@ -375,16 +375,39 @@ class Replay:
                     clocks = clocks[:, :1]
                 time = self.time_of_row[span]
                 at = (clocks[0, :, None] * time + clocks[1, :, None]) / step
-                if jumps is None:
+                if channel.signal != "effort":
                     out[:, span, c] = at_index(series[:, s], at)
                 else:
-                    # What is logged with a target is after it, however the stamps jitter.
                     stamp = (time + clocks[2, :, None]) / step
-                    instant = nearest_step(stamp) + at - stamp
-                    out[:, span, c] = at_index(series[:, s], at, jumps[:, s] != 0, instant)
-                    if self.robot.reads_effort_first:
-                        out[:, span, c] -= jumps_at(jumps[:, s], instant)
+                    own_jumps = None if jumps is None else jumps[:, s]
+                    out[:, span, c] = self._effort_shown(series[:, s], at, own_jumps, stamp)
         return out
+
+    def _effort_shown(
+        self, series: FloatArray, at: FloatArray, jumps: FloatArray | None, stamp: FloatArray
+    ) -> FloatArray:
+        """What rows show of an effort, (n, rows).
+
+        Args:
+            series: (n, steps) of the effort.
+            at: (n or 1, rows) steps at which it was read, as if at once.
+            jumps: (n or 1, steps) by which targets move it; None where they do not jump.
+            stamp: as `at`, the steps with which the rows are stamped.
+        """
+        if jumps is None:
+            jumps = np.zeros((1, series.shape[1]))
+        # What is logged with a target is after it, however the stamps jitter.
+        instant = nearest_step(stamp) + at - stamp
+        shown = at_index(series, at, jumps != 0, instant)
+        if self.robot.reads_effort_first:
+            shown -= jumps_at(jumps, instant)
+        if self.robot.effort_age:
+            # Of a step before it is what was after its target.
+            age = self.robot.effort_age / self.robot.model.opt.timestep
+            ago = max(age, 1.0)
+            earlier = at_index(series, at - ago, jumps != 0, instant - ago)
+            shown += min(age, 1.0) * (earlier - shown)
+        return shown
 
     def _closed(
         self, qpos: FloatArray, qvel: FloatArray, places: tuple[list[int], list[int]]

@@ -165,6 +165,7 @@ class Robot:
         excursions: joint name to how far it went; absent means unknown.
         hold: what its targets are between samples, where that is known already.
         reads_effort_first: its log shows efforts as they were before the targets beside them acted.
+        effort_age: and as of so long before the positions beside them, s; a timestep at most.
         starts_as_stepped: its log was made in steps as its own, so that replays start with the
             velocities that those steps had.
         laws: joint name to the drivetrain laws that it has beside the model, by name, each with its
@@ -186,6 +187,7 @@ class Robot:
     excursions: Mapping[str, Excursion] = field(default_factory=dict)
     hold: Literal["zero_order", "linear", "next"] | None = None
     reads_effort_first: bool = False
+    effort_age: float = 0.0
     starts_as_stepped: bool = False
     laws: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     programs: tuple[Program, ...] = ()
@@ -302,6 +304,11 @@ class Robot:
             return replace(self, spec=spec, model=spec.compile(), finer=self.finer / factor)
 
         return self.made.get(("coarsened", factor), make)
+
+    def reading_earlier(self, steps: float) -> Robot:
+        """The same robot, whose efforts were read before targets act, by a part of a step."""
+        age = steps * float(self.model.opt.timestep)
+        return replace(self, reads_effort_first=True, effort_age=age)
 
     @property
     def velocity_ahead(self) -> float:

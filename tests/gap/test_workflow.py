@@ -266,6 +266,12 @@ def test_efforts_may_be_read_before_the_targets_beside_them_act(
         assert values(named) == pytest.approx({named.parameters[0].name: value}, rel=0.1)
 
 
+def test_efforts_may_be_of_a_whole_cycle_before(servo: Path) -> None:
+    """A position gain times a cycle is no damping that the servo lacks."""
+    recordings = run_hardware(servo, targets(), rate=RATE, seed=1, substeps=1, reads_first=True)
+    nothing_named(diagnose(servo, recordings, effects=MOVING))
+
+
 def test_what_the_held_out_recording_does_not_show_is_not_missed(servo: Path) -> None:
     """The motor saturates in fast motions alone, and a slow one is held out."""
     hidden = [hide("effort_limit", forcerange=0.8)]

@@ -71,7 +71,7 @@ def test_parts_take_longer_steps_where_these_tell_as_much(servo: Problem, tmp_pa
     servo.searched.look_at(nothing.case)
     assert timesteps(servo.screen) == {0.002}
     # It has no dry friction, but logs efforts.
-    assert set(servo.screen.finer) == {"half", "integrator", "reading", "quarter"}
+    assert set(servo.screen.finer) == {"half", "integrator", "reading", "earlier", "quarter"}
     finer = [servo.screen.finer["half"], servo.screen.finer["quarter"]]
     assert [float(one.replays[0].robot.model.opt.timestep) for one in finer] == [
         pytest.approx(step) for step in (0.001, 0.0005)

@@ -242,6 +242,18 @@ class TestByHand:
                 expected[cut] = of_a_step_before
             np.testing.assert_allclose(before[:, 4 + k], expected, atol=1e-9)
 
+    def test_efforts_of_the_cycle_before(self):
+        robot, recording = arm(), log(STEP * np.arange(300))
+        (after,) = predict(robot, whole(recording))
+        first, half, cycle = (
+            predict(robot.reading_earlier(part), whole(recording))[0] for part in (0.0, 0.5, 1.0)
+        )
+        np.testing.assert_allclose(cycle[1:, 4:], after[:-1, 4:], atol=1e-9)
+        np.testing.assert_allclose(half, (first + cycle) / 2, atol=1e-9)
+        (finer,) = predict(robot.reading_earlier(1.0).refined(4), whole(recording))
+        (same,) = predict(robot.refined(4), whole(recording))
+        np.testing.assert_allclose(finer[1:, 4:], same[:-1, 4:], atol=1e-9)
+
     def test_effort_is_that_of_the_command_it_is_logged_with_where_stamps_jitter(self):
         robot = arm('<motor joint="knee"/><motor joint="hip"/>')
         rng = np.random.default_rng(0)
