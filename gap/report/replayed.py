@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +22,6 @@ from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.problem import Problem, channel_noise
 from walkerkit.gap.search.restarts import DRAWS, by_chance, restarted
 from walkerkit.gap.search.structure import Fit
-from walkerkit.gap.simulation.branches import descends
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are, predict_together
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
@@ -102,7 +102,7 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
 
     signals = dict.fromkeys(c.quantity for c in channels)
     position = size(positions)
-    joints = _beside_each_other(problem.robots[0], {c.joint: size([c]) for c in positions})
+    joints = beside_each_other(problem.robots[0], {c.joint: size([c]) for c in positions})
     finer_position, finer_joints = None, {}
     # The timestep's error is the same each time, where that of restarts comes by chance.
     if position.numerical_floor > own_noise(positions):
@@ -291,19 +291,25 @@ def _rms_change(one: Replayed, others: Sequence[Replayed], channels: Sequence[Ch
     return math.sqrt(np.mean(np.square(changed))) if changed.size else 0.0
 
 
-def _beside_each_other(robot: Robot, joints: Mapping[str, GapSize]) -> dict[str, GapSize]:
-    """The gaps of joints, with what the timestep leaves at those on the way to or from each."""
+def beside_each_other(robot: Robot, joints: Mapping[str, GapSize]) -> dict[str, GapSize]:
+    """The gaps of joints, with what the timestep leaves at those on the way to or from each.
+
+    Where one of these moves, a joint that is free to follow moves as far as the inertia that they
+    share, over its own: a finger that shakes hardly moves the wrist that carries it.
+    """
     model = robot.model
-    body = {name: int(model.jnt_bodyid[robot.joints[name].id]) for name in joints}
+    dof = {name: robot.joints[name].dof for name in joints}
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
 
     def near(name: str) -> float:
+        follows = np.abs(inertia[dof[name]]) / inertia[dof[name], dof[name]]
         return max(
-            size.numerical_floor
+            size.numerical_floor * min(float(follows[dof[other]]), 1.0)
             for other, size in joints.items()
             if size.unit == joints[name].unit
-            and (
-                descends(model, body[name], body[other]) or descends(model, body[other], body[name])
-            )
         )
 
     return {name: replace(size, numerical_near=near(name)) for name, size in joints.items()}

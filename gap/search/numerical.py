@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 _LEFT_OF_THE_GAP = 0.6  # of a joint's, where most of it was numerical
 _NEARLY_NOTHING = 0.1  # of all joints', where it was nothing else
-_FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.007  # of the noise, and of how far a joint moves
+_FAR_ABOVE, _OF_THE_MOTION = 10.0, 0.01  # of the noise, and of how far a joint moves
 
 
 def as_simulated_well(problem: Problem, effects: Sequence[Effect], nothing: Fit) -> Fit:

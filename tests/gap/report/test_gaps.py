@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import mujoco
 import pytest
 
 from tests.gap.conftest import LegDiagnosis
 from walkerkit.gap.report.gaps import GapSize
+from walkerkit.gap.report.replayed import beside_each_other
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 
 
 @pytest.mark.parametrize(
@@ -89,6 +92,32 @@ def test_a_gap_of_one_joint_is_not_hidden_by_the_others(leg: LegDiagnosis) -> No
     assert replace(gap, joints={"hip": still, "knee": coarse}).position_at_floor
     # A gap of all joints together hides none.
     assert replace(gap, position=moved).hidden_joints == ()
+
+
+def test_what_the_timestep_leaves_reaches_a_neighbour_as_far_as_inertia_carries_it() -> None:
+    hand = """<mujoco><worldbody><body><joint name="wrist"/>
+      <geom type="capsule" fromto="0 0 0 .2 0 0" size=".03"/>
+      <body pos=".2 0 0"><joint name="finger"/>
+        <geom type="capsule" fromto="0 0 0 .02 0 0" size=".004"/></body></body>
+      <body pos="0 1 0"><joint name="other"/><geom size=".05" pos=".1 0 0"/></body>
+      </worldbody></mujoco>"""
+    robot = robot_from_spec(mujoco.MjSpec.from_string(hand), "hand.xml")
+    still = GapSize(unit="rad", before=0.1, after=0.1, noise_floor=0.001)
+    floors = {"wrist": 1e-6, "finger": 0.4, "other": 0.3}
+    sizes = {name: replace(still, numerical_floor=floor) for name, floor in floors.items()}
+    near = {name: one.numerical_near for name, one in beside_each_other(robot, sizes).items()}
+    assert near == {"wrist": near["wrist"], "finger": 0.4, "other": 0.3}
+    # By how far it turns where the finger turns by itself, in MuJoCo.
+    data = mujoco.MjData(robot.model)
+    data.qfrc_applied[1] = 1e-4
+    robot.model.opt.gravity[:] = 0
+    mujoco.mj_forward(robot.model, data)
+    expected = abs(data.qacc[0] / data.qacc[1]) * 0.4
+    assert near["wrist"] == pytest.approx(expected, rel=1e-6)
+    assert near["wrist"] < 0.002
+    # What carries it moves it whole.
+    sizes |= {"wrist": replace(still, numerical_floor=0.5)}
+    assert beside_each_other(robot, sizes)["finger"].numerical_near == 0.5
 
 
 def test_few_restarts_may_leave_more_by_chance(leg: LegDiagnosis) -> None:
