@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from benchmarks import Row
 from benchmarks.trainers.environments import python_with, run_in
-from benchmarks.trainers.legs import diagnosed, leg_at
+from benchmarks.trainers.legs import diagnosed, leg_with
 from walkerkit.gap.deliver import export
 from walkerkit.gap.deliver.law_code import all_laws, law_code
 from walkerkit.gap.deliver.trainers import way
@@ -39,7 +39,7 @@ def run(*, quick: bool) -> list[Row]:
     with tempfile.TemporaryDirectory() as made:
         folders, wanted = {}, {}
         for name in names:
-            robot = leg_at(Path(made) / name / "own" / "leg.xml")
+            robot = leg_with(name, Path(made) / name / "own" / "leg.xml")
             mended = diagnosed(Path(made) / name / "result", robot, name)
             targets = _targets(float(mended.model.opt.timestep))
             for trainer in ("mjx", "warp", "mjlab"):

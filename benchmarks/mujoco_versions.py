@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks import Row
 from benchmarks.trainers.environments import python_with, run_in
-from benchmarks.trainers.legs import leg_at, mended_with
+from benchmarks.trainers.legs import leg_with, mended_with
 from walkerkit.gap.deliver.written import write_mended
 from walkerkit.gap.effects import CATALOGUE
 
@@ -24,7 +24,7 @@ def run(*, quick: bool) -> list[Row]:
     with tempfile.TemporaryDirectory() as made:
         needs: dict[str, str] = {}
         for name in CATALOGUE:
-            robot = leg_at(Path(made) / name / "leg.xml")
+            robot = leg_with(name, Path(made) / name / "leg.xml")
             path = Path(made) / name / "model.xml"
             written = write_mended(robot, mended_with(robot, name), path)
             needs[str(path)] = max(written.needs.values(), key=_number, default="0")

@@ -39,6 +39,15 @@ LEG = """<mujoco model="leg">
   </actuator>
 </mujoco>
 """
+_TRUNK = """<body name="trunk" pos="0 0 2"><freejoint name="base"/>
+      <geom type="box" size="0.1 0.1 0.05" mass="2" contype="0"/>
+      <body name="thigh">"""
+FLOATING = (
+    LEG.replace("<option ", '<option gravity="0 0 0" ')
+    .replace('<body name="thigh" pos="0 0 2">', _TRUNK)
+    .replace("</body>\n  </worldbody>", "</body></body>\n  </worldbody>")
+)
+"""The same below a trunk, without weight: what stands has effects that what hangs has not."""
 SEEN = Excursion(
     lower=-0.6,
     upper=0.7,
@@ -47,6 +56,15 @@ SEEN = Excursion(
     effort=6.0,
     voltage=(24.0, 21.0, 25.5),
 )
+
+
+def leg_with(name: str, path: Path) -> Robot:
+    """The leg from a file that is written first, or the floating one for what only that has."""
+    for text in (LEG, FLOATING):
+        robot = leg_at(path, text)
+        if candidate_terms([CATALOGUE[name]], [robot], [*robot.joints]):
+            return robot
+    raise ValueError(f"neither leg can have {name}")
 
 
 def leg_at(path: Path, text: str = LEG) -> Robot:

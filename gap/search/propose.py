@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
+from walkerkit.gap.search.afresh import afresh
 from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
@@ -73,6 +74,8 @@ def proposals(
     chosen = _chosen(problem, view, always)
     if pairs:
         chosen += [view.start(pair) for pair in _pairs(view)]
+    if not _rare(current.structure) and not problem.on_feet:
+        chosen += afresh(problem.screen, current, terms, most=_BY_START)
     if not chosen:
         return []
     screen = problem.screen.objective

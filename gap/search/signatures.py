@@ -363,7 +363,7 @@ def _hopeful(
     follow: Sequence[Single],
     terms: Sequence[Term],
     count: int,
-) -> list[_Tries]:
+) -> list[Tries]:
     """The magnitudes of every term that are worth a simulation of their own at each place.
 
     An effect of many places is first tried at all of them at once. What then promises least, for
@@ -378,7 +378,7 @@ def _hopeful(
         terms: the effects.
         count: how many effects of many places are tried at each.
     """
-    tries = [_tries(current, term) for term in terms]
+    tries = [tries_of(current, term) for term in terms]
     several = [k for k, one in enumerate(tries) if len(one.term.places) > 1]
     cases = [tries[k].at_once(current) for k in several]
     joints = [channel.joint for channel in objective.channels]
@@ -406,7 +406,7 @@ def _hopeful(
 
 
 def _best_magnitudes(
-    tries: _Tries, promised: FloatArray, joints: Sequence[str | None], count: int
+    tries: Tries, promised: FloatArray, joints: Sequence[str | None], count: int
 ) -> list[int]:
     """Indices of the tries that promise most in the channels of their own place, few for each.
 
@@ -470,7 +470,7 @@ def _largest(promised: FloatArray) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Tries:
+class Tries:
     """A term's values at its places, (n_tries,) each, and the only branches that they can change.
 
     Those of a place come one after the other.
@@ -481,7 +481,7 @@ class _Tries:
     values: tuple[FloatArray, ...]
     branches: tuple[int | None, ...]
 
-    def some(self, kept: Sequence[int]) -> _Tries:
+    def some(self, kept: Sequence[int]) -> Tries:
         """Some of the tries."""
         return replace(
             self,
@@ -510,7 +510,7 @@ class _Tries:
 
 
 def _simulate(
-    objective: Objective, current: Fit, simulated: FloatArray, tries: Sequence[_Tries]
+    objective: Objective, current: Fit, simulated: FloatArray, tries: Sequence[Tries]
 ) -> list[_Simulated]:
     moves = [objective.moves(one.branches) for one in tries]
     cases = [one.case(current, own.row) for one, own in zip(tries, moves, strict=True)]
@@ -537,7 +537,7 @@ def _simulate(
     return found
 
 
-def _tries(current: Fit, term: Term) -> _Tries:
+def tries_of(current: Fit, term: Term) -> Tries:
     """Each magnitude at each place."""
     structure = current.structure.with_term(term)
     lower, upper = structure.bounds
@@ -549,4 +549,4 @@ def _tries(current: Fit, term: Term) -> _Tries:
             places.append(place)
             values.append(np.clip(magnitude, lower[columns], upper[columns]))
             only.append(structure.branches[columns[0]])
-    return _Tries(term=term, places=tuple(places), values=tuple(values), branches=tuple(only))
+    return Tries(term=term, places=tuple(places), values=tuple(values), branches=tuple(only))

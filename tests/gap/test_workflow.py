@@ -266,6 +266,17 @@ def test_efforts_may_be_read_before_the_targets_beside_them_act(
         assert values(named) == pytest.approx({named.parameters[0].name: value}, rel=0.1)
 
 
+def test_what_the_ordinary_bends_itself_to_follow_is_named(
+    servo: Path, logs: Callable[..., list[Recording]]
+) -> None:
+    """Gains and a late command far from the model's nearly follow a late loop: a dead end."""
+    hidden = hide("loop_delay", delay=0.02)
+    others = ("position_gain", "actuator_lag", "velocity_filter", "asymmetric_friction")
+    found = diagnose(servo, logs(hidden), effects=(*MOVING, "loop_delay", *others))
+    assert found.effects[0].effect == hidden.effect
+    assert values(found.effects[0]) == pytest.approx({"delay": 0.02}, rel=0.05)
+
+
 def test_efforts_may_be_of_a_whole_cycle_before(servo: Path) -> None:
     """A position gain times a cycle is no damping that the servo lacks."""
     recordings = run_hardware(servo, targets(), rate=RATE, seed=1, substeps=1, reads_first=True)
