@@ -19,6 +19,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from walkerkit.gap.rehearsal.hardware import BaseLog
 from walkerkit.gap.rehearsal.hideable import HIDEABLE, NAMELESS
 
 Channels = Literal["q", "q+qd", "q+qd+tau"]
@@ -48,6 +49,11 @@ _RARE = tuple(name for name in HIDEABLE if name not in CLUTTER)
 _OFF: tuple[Off, ...] = ("", "substeps", "timestep", "integrator", "nuisance", "nuisance")
 # What one joint of twelve can have.
 _OF_A_JOINT = tuple(n for n in _FIRST if HIDEABLE[n].on == "joints" and not HIDEABLE[n].shared)
+_UNDER_FEET = ("ground_friction", "ground_compliance", "payload", "com_offset")
+_IN_LEGS = (
+    *("coulomb_friction", "viscous_friction", "armature", "position_gain"),
+    *("torque_constant", "encoder_offset", "actuator_lag", "command_delay"),
+)
 # With all channels, what another name says exactly is not taken out of the catalogue.
 _TOLD_ALIKE = ("encoder_offset", "base_tilt", "com_offset", "torque_bias", "coulomb_friction")
 
@@ -66,6 +72,7 @@ class Case:
         body: the body that has a body's effect; drawn by default.
         removed: the workflow does not know the hidden effects, nor what leaves the same logs.
         off: what else is not as in the model.
+        base: what its logs have of a base that floats.
         shorter: by which the time of its experiments is divided.
         draw: which draw it is of; from 1 on, the robot has other numbers and its log another rate.
     """
@@ -79,6 +86,7 @@ class Case:
     body: str | None = None
     removed: bool = False
     off: Off = ""
+    base: BaseLog = "pose"
     shorter: float = 1.0
     draw: int = 0
 
@@ -177,19 +185,60 @@ def _one_of_twelve(tier: str, rng: np.random.Generator) -> list[Case]:
     ]
 
 
-def _standing(tier: str, _: np.random.Generator) -> list[Case]:
-    """An effect of the ground or of the trunk, under a quadruped on its feet."""
-    effects = ("ground_friction", "ground_compliance", "payload", "com_offset")
-    return [
+def _on_feet(rig: str, base: BaseLog) -> _Tier:
+    def cases_of(tier: str, rng: np.random.Generator) -> list[Case]:
+        """An effect of the ground, of the trunk or of the legs, of a quadruped on its feet."""
+        effects = [
+            effect
+            for _ in range(2)
+            for pair in itertools.zip_longest(
+                rng.permutation(_UNDER_FEET), *rng.permutation(_IN_LEGS).reshape(2, -1)
+            )
+            for effect in map(str, pair)
+        ]
+        return [
+            Case(
+                tier=tier,
+                number=i,
+                rig=rig,
+                channels="q+qd+tau",
+                hide=(effect,),
+                single=effect in _IN_LEGS and not HIDEABLE[effect].shared,
+                body="trunk" if effect in _UNDER_FEET else None,
+                base=base,
+            )
+            for i, effect in enumerate(effects)
+        ]
+
+    return cases_of
+
+
+def _standing(tier: str, rng: np.random.Generator) -> list[Case]:
+    """What is under the feet, and then also what is in the legs, of a quadruped that stands."""
+    first = [
         Case(
             tier=tier,
             number=i,
             rig="standing_quadruped",
             channels="q+qd+tau",
-            hide=(effects[i % len(effects)],),
+            hide=(_UNDER_FEET[i % len(_UNDER_FEET)],),
             body="trunk",
         )
         for i in range(24)
+    ]
+    others = _on_feet("standing_quadruped", "pose")(tier, rng)
+    legs = [case for case in others if case.hide[0] in _IN_LEGS]
+    return [*first, *(replace(one, number=24 + i) for i, one in enumerate(legs))]
+
+
+def _nothing_on_feet(tier: str, rng: np.random.Generator) -> list[Case]:
+    """Nothing hidden, of a quadruped on its feet."""
+    kinds = list(
+        itertools.product(("standing_quadruped", "trotting_quadruped"), ("pose", "imu"), _OFF)
+    )
+    return [
+        Case(tier=tier, number=i, rig=rig, channels="q+qd+tau", off=off, base=base)
+        for i, (rig, base, off) in enumerate(kinds[int(k)] for k in rng.permutation(len(kinds)))
     ]
 
 
@@ -220,6 +269,10 @@ TIERS: Final[Mapping[str, _Tier]] = {
     "outside": _outside,
     "one_of_twelve": _one_of_twelve,
     "standing": _standing,
+    "standing_imu": _on_feet("standing_quadruped", "imu"),
+    "trotting": _on_feet("trotting_quadruped", "pose"),
+    "trotting_imu": _on_feet("trotting_quadruped", "imu"),
+    "nothing_on_feet": _nothing_on_feet,
     "cluttered": _cluttered,
 }
 """The tiers by name, each with what makes its cases."""

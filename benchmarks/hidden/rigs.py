@@ -22,6 +22,7 @@ from walkerkit.gap.rehearsal.standing import standing_targets, write_standing
 from walkerkit.tasks.excitation import BATTERY
 from walkerkit.tasks.room import room_about
 from walkerkit.walkers import LEG_XML
+from walkerkit.walkers.gait import Trot
 from walkerkit.walkers.quadruped import QUADRUPED_XML
 
 FloatArray = NDArray[np.float64]
@@ -105,8 +106,11 @@ RIGS: Final[Mapping[str, Callable[[], mujoco.MjSpec]]] = {
     "leg": _leg,
     "hung_quadruped": _hung,
     "standing_quadruped": _standing,
+    "trotting_quadruped": _standing,
 }
 """The robots by name."""
+ON_FEET: Final = ("standing_quadruped", "trotting_quadruped")
+"""Those of them that stand or walk, at `RATE` and with the numbers that they have."""
 
 
 def write_rig(
@@ -154,14 +158,14 @@ def write_rig(
 
 def rate_of(rig: str, robot: int | None) -> float:
     """Samples a second of a robot's log; see `write_rig` for the robots."""
-    if robot is None or rig == "standing_quadruped":
+    if robot is None or rig in ON_FEET:
         return RATE
     return float(np.random.default_rng(robot).choice(RATES))
 
 
 def reads_first(rig: str, robot: int | None) -> bool:
     """Whether a robot's log shows efforts as of before the targets beside them."""
-    if robot is None or rig == "standing_quadruped":
+    if robot is None or rig in ON_FEET:
         return False
     rng = np.random.default_rng((robot, 1))
     return bool(rng.integers(2))
@@ -210,6 +214,8 @@ def experiments(
     """
     if rig == "standing_quadruped":
         return standing_targets(np.random.default_rng(seed), seconds=SECONDS / shorter)
+    if rig == "trotting_quadruped":
+        return _trots(np.random.default_rng(seed), SECONDS / shorter)
     model, drives = load_rig(path)
     home = model.key_qpos[0] if model.nkey else model.qpos0
     ids = model.dof_jntid[drives.dofs]
@@ -230,4 +236,18 @@ def experiments(
             ]
         )
         for name, parts in EXPERIMENTS.items()
+    }
+
+
+def _trots(rng: np.random.Generator, seconds: float) -> dict[str, FloatArray]:
+    """Three trots, forward, backward and almost on the spot, from standing [rad]."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    strides = {"forward": 0.12, "backward": -0.08, "on_the_spot": 0.02}
+    return {
+        name: Trot(
+            stride=stride * rng.uniform(0.7, 1.0),
+            frequency=rng.uniform(2.0, 2.8),
+            lift=rng.uniform(0.04, 0.07),
+        )(np.maximum(time - 1.0, 0.0))
+        for name, stride in strides.items()
     }

@@ -156,6 +156,7 @@ def _recorded(
             substeps=substeps,
             names=list(targets),
             jitter=JITTER,
+            base=case.base,
             reads_first=reads_first(case.rig, case.robot),
         )
 
@@ -205,7 +206,8 @@ def _with(recording: Recording, signals: Sequence[str]) -> Recording:
         columns={
             column: values
             for column, values in recording.columns.items()
-            if column.rpartition("/")[2] in (*signals, "voltage") or column.startswith("base/")
+            if column.rpartition("/")[2] in (*signals, "voltage", "contact")
+            or column.startswith("base/")
         },
     )
 

@@ -29,7 +29,7 @@ from benchmarks.hidden.scoring import (
 )
 
 _LARGEST_SET = 5
-_ALL_CHANNELS = ("one_effect", "two_effects", "one_of_twelve", "standing")
+_ALL_CHANNELS = ("one_effect", "two_effects", "one_of_twelve", "standing", "trotting")
 
 
 def rows(outcomes: Sequence[Outcome]) -> list[Row]:
@@ -105,7 +105,7 @@ def line(outcome: Outcome) -> str:
 def _mark(outcome: Outcome) -> str:
     if outcome.verdict in ("failed", "impossible"):
         return "-"
-    if outcome.tier == "nothing":
+    if outcome.tier in ("nothing", "nothing_on_feet"):
         return "ALARM" if false_alarm(outcome) else "right"
     if outcome.tier == "cluttered":
         if rare_first(outcome) and not rare_and_wrong(outcome):
@@ -171,7 +171,20 @@ _FIGURES: dict[str, tuple[_Figure, ...]] = {
         ("right joint", place_right, "95 %"),
         ("first name right", first_right, "85 %"),
     ),
-    "standing": (("first name right", first_right, "75 %"),),
+    "standing": (
+        ("first name right", first_right, "90 %"),
+        ("right joint or body", place_right, "95 %"),
+    ),
+    "standing_imu": (
+        ("first name right", first_right, "80 %"),
+        ("truth in the confusion set", truth_in_set, "90 %"),
+    ),
+    "trotting": (
+        ("first name right", first_right, "80 %"),
+        ("right joint or body", place_right, "90 %"),
+    ),
+    "trotting_imu": (("first name right", first_right, "70 %"),),
+    "nothing_on_feet": (("false alarm", false_alarm, "at most 3 %"),),
     "cluttered": (
         ("first of the names that are not ordinary right", rare_first, "85 %"),
         ("its joint or body", rare_place, "90 %"),
