@@ -89,7 +89,7 @@ class Book:
         if beside is None:
             self._left_out(found)
         free = beside is None or smaller or not self._members
-        if (free or self._worth_a_name(found[0])) and _estimated(problem, one, slopes):
+        if (free or self._worth_a_name(found[0])) and _estimated(problem, found[0], slopes):
             self._members += found
             self._table = None
         return one
@@ -190,27 +190,43 @@ class Book:
         return is_worth_a_name(table.best, one, self._joints)
 
 
-def _estimated(problem: Problem, one: Fit, slopes: Slopes) -> bool:
-    """Whether of each rare effect some number is known, and none is at its bound."""
-    structure = one.structure
+def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:
+    """Whether of each rare effect some number is known, and none is at its bound.
+
+    Beside what the member needs: dry friction that it has no more cannot be what bristles carry.
+    """
+    one, structure = member.fit, member.fit.structure
     rare = [t for t in structure.terms if t.effect.fitted and not t.effect.ordinary]
     stopped = ran_away(one)
     columns = [structure.columns(term) for term in rare]
     if any(stopped[own].any() for own in columns):
         return False
-    errors = known_errors(problem, one, slopes) if rare else np.zeros(0)
+    errors = known_errors(problem, one, slopes, member.kept) if rare else np.zeros(0)
     return all(errors[own].max() >= KNOWN for own in columns)
 
 
-def known_errors(problem: Problem, one: Fit, slopes: Slopes) -> FloatArray:
+def known_errors(
+    problem: Problem, one: Fit, slopes: Slopes, kept: NDArray[np.intp] | None = None
+) -> FloatArray:
     """(n_parameters,) standard errors between each value and that which changes nothing.
 
     In the light of all that the model still lacks; 0 for numbers that change nothing by themselves.
+
+    Args:
+        problem: what is to be explained.
+        one: a fit.
+        slopes: those at it.
+        kept: indices of the values that are not fixed; all by default.
     """
     problem.screen.refine(one)
     variance, _ = covariance(
         problem.fit.objective, one, problem.noise, slopes, problem.screen.objective
     )
+    if kept is not None:
+        fixed = np.setdiff1d(np.arange(len(variance)), kept)
+        across = variance[:, fixed]
+        within = np.linalg.pinv(variance[np.ix_(fixed, fixed)], rcond=1e-12, hermitian=True)
+        variance = variance - across @ within @ across.T
     std = np.sqrt(np.maximum(np.diag(variance), 0.0))
     shapes = np.array([slot.parameter.shape for slot in one.structure.slots], dtype=bool)
     away = np.where(shapes, 0.0, np.abs(one.values - one.structure.zero))
