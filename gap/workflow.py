@@ -54,7 +54,7 @@ from walkerkit.gap.search.buildable import buildable
 from walkerkit.gap.search.effort import Effort, Level, Progress, counted
 from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Explanation, name_effects
-from walkerkit.gap.search.problem import Problem, build
+from walkerkit.gap.search.problem import Problem, build, forgets
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.base_estimate import with_known_base
 from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_effort
@@ -327,6 +327,7 @@ def compare(
             allow_outside=allow_outside,
         )
         problem = setup.problem(_known_hold(setup.robots) or "zero_order")
+        _check_tells(setup, problem)
         explanation = name_effects(problem, [])
         problem = problem.as_told(explanation.fit)
         found = summarise(
@@ -504,6 +505,36 @@ def _effects(effects: OneOrMoreEffects | None) -> list[Effect]:
     return [effect for name, effect in CATALOGUE.items() if chosen is None or name in chosen]
 
 
+def _check_tells(setup: Setup, problem: Problem) -> None:
+    """Refuses recordings of which no replay can tell anything: it forgets where it started.
+
+    Raises:
+        InputError: the errors of the states that replays restart from move the joints further than
+            these moved.
+    """
+    joint = forgets(problem)
+    if joint is None or problem.window is None:
+        return
+    shorter, remedy = problem.window, ""
+    while forgets(problem) is not None:
+        shorter /= 2
+        try:
+            check_window(shorter, problem.recordings)
+        except InputError:
+            remedy = (
+                "No shorter window helps: log velocities with less noise and at a higher rate, or "
+                "have the joints follow position targets."
+            )
+            break
+        problem = replace(setup, window=shorter).problem(problem.hold)
+        remedy = f"Give a window of {shorter:.2g} s (--window {shorter:.2g})."
+    raise InputError(
+        f"replays that restart every {setup.window:g} s tell nothing of this robot: the errors of "
+        "the states that they start from move its joints further than these moved meanwhile, "
+        f"{joint!r} most of all. {remedy}"
+    )
+
+
 def _known_hold(robots: Sequence[Robot]) -> Hold | None:
     return next((robot.hold for robot in robots if robot.hold is not None), None)
 
@@ -518,6 +549,7 @@ def _named(
     """Names the effects that the robots can have; with a note of each that they cannot."""
     known = _known_hold(setup.robots)
     read = setup.problem(known or "zero_order")
+    _check_tells(setup, read)
     possible, left_out = buildable(effects, read.robots, read.joints)
     setup.beliefs.check(possible, read.robots, read.joints)
 

@@ -216,6 +216,30 @@ class Problem:
         refine([(half.objective, half.finer, current.case) for half in halves])
 
 
+def forgets(problem: Problem) -> str | None:
+    """The joint whose replays stray furthest by the noise of where they restart alone.
+
+    None where joints move further than that, as root mean squares over all joints and windows.
+    """
+    if problem.window is None:
+        return None
+    objective = problem.fit.objective
+    strayed = problem.noise
+    if not problem.on_feet:  # where it is in the noise
+        every = objective.replays[0].channels
+        strayed = of_restarts(objective.replays, problem.n_threads)
+        strayed = strayed[[every.index(channel) for channel in objective.channels]]
+    of_joints = np.array([c.signal == "position" for c in objective.channels])
+    spans, _ = objective.spans
+    moved = np.concatenate([objective.measured[s] - objective.measured[s.start] for s in spans])
+    motion = np.sqrt(np.nanmean(np.square(moved[:, of_joints]), axis=0))
+    strayed = strayed[of_joints]
+    if np.mean(strayed**2) <= np.mean(motion**2):
+        return None
+    joints = [c.joint for c, own in zip(objective.channels, of_joints, strict=True) if own]
+    return joints[int(np.argmax(strayed**2 - motion**2))]
+
+
 def build(
     robots: Sequence[Robot],
     fitted: Sequence[Sequence[Recording]],
