@@ -133,10 +133,11 @@ class ControllerDeadband(DrivetrainLaw):
         """As in `DrivetrainLaw`."""
         error = step.target - step.q
         later = error - step.qd * step.dt
-        low = np.minimum(error, later) - _STANDSTILL
-        high = np.maximum(error, later) + _STANDSTILL
+        low, high = np.minimum(error, later), np.maximum(error, later)
         within = np.minimum(high, p["width"]) - np.maximum(low, -p["width"])
-        lost = clipped(within / (high - low), 0.0, 1.0) * error
+        # A joint that stands still goes no way, all of it within or none.
+        part = (within + _STANDSTILL) / (high - low + _STANDSTILL)
+        lost = clipped(part, 0.0, 1.0) * error
         start = error + step.target_ahead
         step.target_ahead = step.target_ahead + (
             lost - np.where(np.abs(start) < p["width"], start, 0.0)

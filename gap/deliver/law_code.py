@@ -30,6 +30,8 @@ FloatArray = NDArray[np.float64]
 _HEADS = {
     "jax": """import jax.numpy as xp
 
+LEAST_DRY = 1e-9  # MJX takes a friction of 0 for one without bounds, which holds the joint
+
 
 def array(values):
     return xp.asarray(values, dtype=float)
@@ -50,6 +52,7 @@ def take(history, age):
 
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 DTYPE = torch.float32
+LEAST_DRY = 0.0
 
 
 def array(values):
