@@ -10,7 +10,7 @@ its numbers become those of the diagnosis. The file keeps every byte but those a
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,13 @@ from walkerkit.gap.deliver.markup import Edit
 from walkerkit.gap.deliver.reapply import reapplied
 from walkerkit.gap.deliver.versions import needed
 from walkerkit.gap.deliver.written import Patched, patched, place
-from walkerkit.gap.errors import InputError, one_line
+from walkerkit.gap.errors import InputError, one_line, some
 from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.robot import Measurement, Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 
 _NEW = "new element"
+_SHOWN = 3  # names of elements that change alike
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +35,7 @@ class Applied:
 
     Attributes:
         files: the files that it wrote, the model first.
-        changes: every attribute that it changed, a line each.
+        changes: every attribute that it changed, a line for all elements that change alike.
         beside: what MJCF cannot say and actuators.json has, a line each.
         notes: what a user should know, a sentence each.
         needs: what of it takes a newer MuJoCo than the model did, to the first version.
@@ -97,7 +98,7 @@ def apply(
         written.append(_write_beside(mended, out, found))
     return Applied(
         files=tuple(written),
-        changes=tuple(map(_line, text.edits)),
+        changes=_lines(text.edits),
         beside=beside,
         notes=notes,
         needs=needed(text.edits),
@@ -113,13 +114,21 @@ def _check_free(text: Patched, main: Path, *, overwrite: bool) -> None:
             )
 
 
-def _line(edit: Edit) -> str:
-    node = edit.node
-    name = node.get("name") or node.get("joint") or ""
-    if not edit.attribute:
-        return f"{node.tag} {name}: {_NEW} {edit.now}"
-    was = "unset" if edit.was is None else edit.was
-    return f"{' '.join(filter(None, (node.tag, name)))}: {edit.attribute} {was} → {edit.now}"
+def _lines(edits: Iterable[Edit]) -> tuple[str, ...]:
+    """A line for each change, which elements that change alike share."""
+    names: dict[tuple[str, str], list[str]] = {}
+    for edit in edits:
+        what = f"{_NEW} {edit.now}"
+        if edit.attribute:
+            was = "unset" if edit.was is None else edit.was
+            what = f"{edit.attribute} {was} → {edit.now}"
+        name = edit.node.get("name") or edit.node.get("joint") or ""
+        names.setdefault((edit.node.tag, what), []).append(name)
+    lines = []
+    for (tag, what), found in names.items():
+        of_it = some(found, _SHOWN).replace("'", "") if len(found) > 1 else found[0]
+        lines.append(f"{tag} {of_it}".rstrip() + f": {what}")
+    return tuple(lines)
 
 
 def _beside(robot: Robot) -> tuple[str, ...]:

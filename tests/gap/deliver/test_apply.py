@@ -95,6 +95,14 @@ def test_a_scene_keeps_all_but_the_attribute(floating, tmp_path):
     assert "joint knee: frictionloss 0.02 →" in done.changes[0]
 
 
+def test_what_many_elements_change_alike_is_one_line(tmp_path):
+    robot = leg_at(tmp_path / "own" / "leg.xml")
+    diagnosed(tmp_path / "result", robot, "command_delay")
+    done = apply(tmp_path / "result", tmp_path / "own" / "leg.xml", out=tmp_path / "new.xml")
+    assert len(done.changes) == len({line.partition(": ")[2] for line in done.changes})
+    assert all(line.startswith("position hip, knee: ") for line in done.changes)
+
+
 def test_an_actuator_says_it_in_its_own_units(floating, tmp_path):
     robot = leg_at(tmp_path / "own" / "leg.xml", AWKWARD)
     mended = diagnosed(tmp_path / "result", robot, "position_gain", ("knee",))
