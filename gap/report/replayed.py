@@ -22,6 +22,7 @@ from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.problem import Problem, channel_noise
 from walkerkit.gap.search.restarts import DRAWS, by_chance, restarted
 from walkerkit.gap.search.structure import Fit
+from walkerkit.gap.simulation.branches import descends
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are, predict_together
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
@@ -294,20 +295,26 @@ def _rms_change(one: Replayed, others: Sequence[Replayed], channels: Sequence[Ch
 def beside_each_other(robot: Robot, joints: Mapping[str, GapSize]) -> dict[str, GapSize]:
     """The gaps of joints, with what the timestep leaves at those on the way to or from each.
 
-    Where one of these moves, a joint that is free to follow moves as far as the inertia that they
-    share, over its own: a finger that shakes hardly moves the wrist that carries it.
+    Where a joint moves that another carries, this one moves no further than by the root of the
+    ratio of their inertias (M_ij² ≤ M_ii M_jj): a finger that shakes hardly moves the wrist.
     """
     model = robot.model
-    dof = {name: robot.joints[name].dof for name in joints}
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
+    own = {name: inertia[robot.joints[name].dof, robot.joints[name].dof] for name in joints}
+    body = {name: int(model.jnt_bodyid[robot.joints[name].id]) for name in joints}
+
+    def follows(name: str, other: str) -> float:
+        if descends(model, body[name], body[other]):
+            return 1.0
+        carried = descends(model, body[other], body[name])
+        return min(1.0, math.sqrt(own[other] / own[name])) if carried else 0.0
 
     def near(name: str) -> float:
-        follows = np.abs(inertia[dof[name]]) / inertia[dof[name], dof[name]]
         return max(
-            size.numerical_floor * min(float(follows[dof[other]]), 1.0)
+            size.numerical_floor * follows(name, other)
             for other, size in joints.items()
             if size.unit == joints[name].unit
         )

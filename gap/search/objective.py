@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.effort import spend
 from walkerkit.gap.search.known_error import KnownError
-from walkerkit.gap.search.numerical_error import OF_READING, NumericalError, Way
+from walkerkit.gap.search.numerical_error import NumericalError, Way
 from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.starts import ALIKE, Starts, start_errors
 from walkerkit.gap.search.structure import Case, Fit, Structure
@@ -340,12 +340,11 @@ class Objective:
         if not len(numerical.changes):
             return np.zeros(len(self.channels))
         half = numerical.changes[0]
-        read = numerical.changes[[way in OF_READING for way in numerical.ways]]
-        if len(read):
-            products = np.einsum("irc,jrc->cij", read, read)
-            along = np.einsum("irc,rc->ci", read, half)
-            share = np.linalg.pinv(products, hermitian=True) @ along[..., None]
-            half = half - np.einsum("irc,ci->rc", read, share[..., 0])
+        if "reading" in numerical.ways:
+            read = numerical.changes[numerical.ways.index("reading")]
+            square = np.einsum("rc,rc->c", read, read)
+            along = np.einsum("rc,rc->c", read, half) / np.where(square > 0, square, 1.0)
+            half = half - along * read
         size: FloatArray = np.sqrt(self.mean_square(half))
         return size
 

@@ -89,13 +89,16 @@ def proposals(
         progress=progress,
         stage=stage,
     )
+    (there,) = evaluate(screen, [(current.structure, current.values)])
     problem.fit.refine(current)
     objective = problem.fit.objective
     (own,) = evaluate(objective, [(current.structure, current.values)])
-    promised = promises(objective, starts, near)
-    order = sorted(range(len(starts)), key=lambda k: promised[k])
+    # What gains nothing of little needs no slopes on everything.
+    hopeful = [one for one in starts if one.score < there.score]
+    promised = promises(objective, hopeful, near)
+    order = sorted(range(len(hopeful)), key=lambda k: promised[k])
     reach = own.score - _OF_THE_LEAST * least_gain(problem)
-    best = [starts[k] for k in order if promised[k] < reach][:_FITTED]
+    best = [hopeful[k] for k in order if promised[k] < reach][:_FITTED]
     # A general law promises more than its plain case, to which it may have to give way.
     plain = {name for one in best for name in one.structure.terms[-1].effect.extends}
     single = 1 + len(current.structure.terms)
