@@ -50,7 +50,6 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _MOST_RIVALS = 4
-_EVEN = 0.5  # as probable as not
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -234,10 +233,10 @@ def summarise(
         after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
     told, gap = "held", gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, explanation, after["held"], mended)
-    verdict = _verdict(gap, bool(effects), explanation.unknown)
+    verdict = _verdict(gap, named=bool(effects))
     if verdict == "no_gap" and not held_out_only:
         other = gap_of(problem, before["fit"], before["fit"])
-        if _verdict(other, named=False, unknown=None) != verdict:
+        if _verdict(other, named=False) != verdict:
             told, gap, verdict = "fit", other, "unexplained"
     half: Half = getattr(problem, told)
     maps = gap_maps(problem, before, after)
@@ -290,16 +289,14 @@ def summarise(
     )
 
 
-def _verdict(gap: Gap, named: bool, unknown: float | None) -> Verdict:
+def _verdict(gap: Gap, *, named: bool) -> Verdict:
     """The verdict on a gap, with something named or not.
 
-    The position's is that at a finer timestep where the model's own leaves more. Nothing is missing
-    only if that is more probable than an effort without a name, which one limb of many may need.
+    The position's is that at a finer timestep where the model's own leaves more.
     """
     besides = gap.besides.values()
     if not named:
         nothing = gap.position_at_floor and all(size.at_floor for size in besides)
-        nothing = nothing and (unknown or 0.0) < _EVEN
         return "no_gap" if nothing else "unexplained"
     followed = all(size.mostly_closed for size in besides)
     return "explained" if gap.position_at_floor and followed else "partly_explained"
