@@ -84,6 +84,8 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
             }
         elif own and (beside or limit is not None):
             left[joint], fields = own, {}
+        if kind == "XmlActuatorCfg":  # which tells by itself only what plain elements take
+            fields = {"command_field": robot.joints[joint].drives[0].kind, **fields}
         groups.setdefault((kind, tuple(fields.items())), []).append(joint)
     lines = [
         written(kind, "target_names_expr", names, dict(of)) for (kind, of), names in groups.items()

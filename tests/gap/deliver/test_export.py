@@ -70,6 +70,13 @@ def test_mjlab_gets_lags_in_steps_and_is_told_what_rounding_loses(saved):
     assert not (done.folder / "drivetrain.py").exists()
 
 
+def test_mjlab_is_told_what_a_servo_takes_that_is_no_plain_element(saved):
+    folder, mended = saved("encoder_gain")
+    assert (mended.model.actuator_biasprm[:, 1] != -mended.model.actuator_gainprm[:, 0]).all()
+    text = (export(folder, "mjlab").folder / "robot.py").read_text()
+    assert "command_field='position'" in text
+
+
 def test_the_robot_that_floats_is_exported_with_what_was_found_while_it_hung(saved, tmp_path):
     folder, mended = saved("command_delay")
     standing = leg_at(tmp_path / "standing" / "leg.xml", STANDING)
