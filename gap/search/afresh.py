@@ -34,7 +34,7 @@ def afresh(
     Args:
         half: the recordings that are looked at.
         current: a fit of what is ordinary.
-        terms: rare effects.
+        terms: rare effects. What all joints share is also tried with a value for each.
         most: of them that begin.
 
     Returns:
@@ -42,7 +42,8 @@ def afresh(
     """
     objective = half.objective
     given = replace(current, values=current.structure.zero)
-    tries = [tries_of(given, term) for term in terms]
+    apart = [replace(term, shared=False) for term in terms if term.shared and len(term.sites) > 1]
+    tries = [tries_of(given, term) for term in (*terms, *apart)]
     own, *found = objective.mean_squares([given.case, *(one.at_once(given) for one in tries)])
     joints = [channel.joint for channel in objective.channels]
     left = 0.5 * np.log(own[0] + objective.level**2)
