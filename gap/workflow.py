@@ -12,6 +12,7 @@ Each step can be used alone: `load_experiments`, `load_robot`, `split`, `build`,
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -512,22 +513,20 @@ def _check_tells(setup: Setup, problem: Problem) -> None:
         InputError: the errors of the states that replays restart from move the joints further than
             these moved.
     """
-    joint = forgets(problem)
-    if joint is None or problem.window is None:
+    joint, shorter = forgets(problem), problem.window
+    if joint is None or shorter is None:
         return
-    shorter, remedy = problem.window, ""
-    while forgets(problem) is not None:
-        shorter /= 2
-        try:
+    remedy = (
+        "No shorter window helps: log velocities with less noise and at a higher rate, or have the "
+        "joints follow position targets."
+    )
+    with contextlib.suppress(InputError):  # of a window that is too short
+        while True:
+            shorter /= 2
             check_window(shorter, problem.recordings)
-        except InputError:
-            remedy = (
-                "No shorter window helps: log velocities with less noise and at a higher rate, or "
-                "have the joints follow position targets."
-            )
-            break
-        problem = replace(setup, window=shorter).problem(problem.hold)
-        remedy = f"Give a window of {shorter:.2g} s (--window {shorter:.2g})."
+            if forgets(replace(setup, window=shorter).problem(problem.hold)) is None:
+                remedy = f"Give a window of {shorter:.2g} s (--window {shorter:.2g})."
+                break
     raise InputError(
         f"replays that restart every {setup.window:g} s tell nothing of this robot: the errors of "
         "the states that they start from move its joints further than these moved meanwhile, "

@@ -26,7 +26,6 @@ from walkerkit.gap.simulation.robot import Measurement, Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 
 _NEW = "new element"
-_SHOWN = 3  # names of elements that change alike
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +125,7 @@ def _lines(edits: Iterable[Edit]) -> tuple[str, ...]:
         names.setdefault((edit.node.tag, what), []).append(name)
     lines = []
     for (tag, what), found in names.items():
-        of_it = some(found, _SHOWN).replace("'", "") if len(found) > 1 else found[0]
+        of_it = some(found).replace("'", "") if len(found) > 1 else found[0]
         lines.append(f"{tag} {of_it}".rstrip() + f": {what}")
     return tuple(lines)
 

@@ -230,14 +230,11 @@ def forgets(problem: Problem) -> str | None:
         strayed = of_restarts(objective.replays, problem.n_threads)
         strayed = strayed[[every.index(channel) for channel in objective.channels]]
     of_joints = np.array([c.signal == "position" for c in objective.channels])
+    of_joints &= np.isfinite(objective.measured).any(axis=0)  # others are held out alone
     spans, _ = objective.spans
     moved = np.concatenate([objective.measured[s] - objective.measured[s.start] for s in spans])
-    motion = np.sqrt(np.nanmean(np.square(moved[:, of_joints]), axis=0))
-    strayed = strayed[of_joints]
-    if np.mean(strayed**2) <= np.mean(motion**2):
-        return None
-    joints = [c.joint for c, own in zip(objective.channels, of_joints, strict=True) if own]
-    return joints[int(np.argmax(strayed**2 - motion**2))]
+    further = np.where(of_joints, strayed**2 - objective.mean_square(np.nan_to_num(moved)), 0.0)
+    return objective.channels[int(np.argmax(further))].joint if further.sum() > 0 else None
 
 
 def build(

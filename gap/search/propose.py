@@ -81,15 +81,15 @@ def proposals(
     screen = problem.screen.objective
     # On feet each number takes simulations of its own: its slopes are carried along.
     warmed = polished if problem.on_feet else fit
+    *begun, there = evaluate(screen, [*chosen, (current.structure, current.values)])
     starts = warmed(
         screen,
-        evaluate(screen, chosen),
+        begun,
         iterations=_WARM,
         near=slopes_to_carry(screen, current),
         progress=progress,
         stage=stage,
     )
-    (there,) = evaluate(screen, [(current.structure, current.values)])
     problem.fit.refine(current)
     objective = problem.fit.objective
     (own,) = evaluate(objective, [(current.structure, current.values)])
