@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.drive import SCALAR_JOINTS
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.rehearsal.hardware_base import WIDTH, base_readings, free_joint
+from walkerkit.gap.rehearsal.hardware_base import WIDTH, base_readings, free_joint, home
 from walkerkit.gap.rehearsal.hardware_companion import Companion
 from walkerkit.gap.rehearsal.hardware_controller import Controller
 from walkerkit.gap.rehearsal.hardware_drive import Drives, Source, load_rig, spec_of
@@ -320,7 +320,7 @@ def _run(
     batch = mujoco.batch.Batch(model, n_sims, nthread=1, persistent=soil.any)
     stage = mujoco.mjtStage.mjSTAGE_VEL if soil.any else mujoco.mjtStage.mjSTAGE_NONE
     qpos, qvel, applied = batch.bind("qpos"), batch.bind("qvel"), batch.bind("qfrc_applied")
-    qpos[:] = _start(model)
+    qpos[:] = home(model)
     ranges = np.where(model.jnt_limited[:, None], model.jnt_range, [-np.inf, np.inf])
     lower, upper = ranges[model.dof_jntid[drives.dofs]].T
     qpos[:, drives.qpos] = np.clip((sent[0] - drives.offset) / drives.slope, lower, upper)
@@ -410,10 +410,3 @@ def _follow_damping(model: mujoco.MjModel, drives: Drives, step: float) -> None:
     drag[drives.dofs] += np.maximum(-drives.bias[2], 0.0)
     stiff = drag * step * model.dof_invweight0 > _STIFF
     model.dof_armature[stiff] += step * drag[stiff]
-
-
-def _start(model: mujoco.MjModel) -> Array:
-    """The keyframe `home` where there is one, for what no target says; shape (nq,)."""
-    home = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, "home")
-    start: Array = model.qpos0 if home < 0 else model.key_qpos[home]
-    return start

@@ -37,6 +37,13 @@ def free_joint(model: mujoco.MjModel) -> tuple[int, int] | None:
     return int(model.jnt_qposadr[free[0]]), int(model.jnt_dofadr[free[0]])
 
 
+def home(model: mujoco.MjModel) -> Array:
+    """The keyframe `home` where there is one, for what no target says; shape (nq,)."""
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, "home")
+    found: Array = model.qpos0 if key < 0 else model.key_qpos[key]
+    return found
+
+
 def base_readings(
     states: Array, rng: np.random.Generator, *, exact: bool = False
 ) -> dict[str, Array]:

@@ -3,7 +3,9 @@
     soil = Soil(model, hidden, step=5e-4)        # takes the feet's contacts out of the model
     soil.push(batch)                             # sets `xfrc_applied` for the next step
 
-A foot is a sphere of a robot that floats, the ground a level plane. Where a foot is δ deep, the
+A foot is a sphere on which a floating robot stands at home, the ground a level plane: no further
+from it than the sphere's radius. So a robot that falls does so on MuJoCo's ground. Where a foot is
+δ deep, the
 ground gives N = max(0, k δ + d δ'), and along the plane a bristle F = −k_t z − d_t z' that
 stretches with the foot until |F| = μ N and is dragged on from there (Cundall and Strack,
 Géotechnique 29, 1979). So a foot that does not slip does not creep either, and what it carries
@@ -23,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError
+from walkerkit.gap.rehearsal.hardware_base import home
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 
 Array = NDArray[np.float64]
@@ -95,7 +98,7 @@ class Soil:
                     self._offset += np.stack(shift, axis=1)
         self._damping = 2 * _DAMPED * float(np.sqrt(self._stiffness * share))
         self._stretch = np.zeros((n_sims, len(feet), 2))
-        model.geom_contype[self._feet] = model.geom_conaffinity[self._feet] = 0
+        _take_apart(model, plane, self._feet)
 
     def watch(self, batch: Any) -> None:
         """Has a batch work out where the feet are and how they move."""
@@ -155,7 +158,7 @@ def feet_and_legs(model: mujoco.MjModel) -> list[tuple[str, str]]:
 
 
 def _feet(model: mujoco.MjModel) -> tuple[int, list[int]]:
-    """A level plane, and the spheres of a floating robot that can touch it."""
+    """A level plane, and the spheres on which a floating robot stands there at home."""
     floating = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
     planes = [
         geom
@@ -164,24 +167,46 @@ def _feet(model: mujoco.MjModel) -> tuple[int, list[int]]:
         and abs(model.geom_quat[geom, 1:3]).max() == 0
         and model.geom_bodyid[geom] == 0
     ]
-    if not floating.size or not planes:
+    meets = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
+    if not floating.size or not planes or not meets:
         return -1, []
     plane = int(planes[0])
+    data = mujoco.MjData(model)
+    data.qpos[:] = home(model)
+    mujoco.mj_kinematics(model, data)
+    above = data.geom_xpos[:, 2] - model.geom_pos[plane, 2] - model.geom_size[:, 0]
     return plane, [
         int(geom)
         for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE)
         if model.body_rootid[model.geom_bodyid[geom]] in floating
-        and (
-            model.geom_contype[geom] & model.geom_conaffinity[plane]
-            or model.geom_contype[plane] & model.geom_conaffinity[geom]
-        )
+        and above[geom] <= model.geom_size[geom, 0]
+        and _meet(model, np.array([geom]), plane).any()
     ]
+
+
+def _meet(model: mujoco.MjModel, geoms: NDArray[np.intp], plane: int) -> NDArray[np.bool_]:
+    """Which of the geoms can touch the plane."""
+    kinds, others = model.geom_contype, model.geom_conaffinity
+    met: NDArray[np.bool_] = (kinds[geoms] & others[plane]) | (others[geoms] & kinds[plane]) != 0
+    return met
+
+
+def _take_apart(model: mujoco.MjModel, plane: int, feet: NDArray[np.intp]) -> None:
+    """Has the plane meet all that it met but the feet, which still meet each other."""
+    kinds, others = model.geom_contype, model.geom_conaffinity
+    met = _meet(model, np.arange(model.ngeom), plane)
+    met[feet] = False
+    used = int(np.bitwise_or.reduce(others))
+    free = next(1 << bit for bit in range(31) if not used >> bit & 1)
+    kinds[plane], others[plane] = 0, free
+    kinds[~met] &= ~free
+    kinds[met] |= free
 
 
 def _sliding(model: mujoco.MjModel, plane: int, foot: int) -> float:
     """The coefficient of sliding friction that the model has between two geoms."""
     first, second = model.geom_priority[[plane, foot]]
-    of_plane, of_foot = model.geom_friction[[plane, foot], 0]
-    if first != second:
-        return float(of_plane if first > second else of_foot)
-    return float(max(of_plane, of_foot))
+    pair = [plane, foot] if first == second else [plane if first > second else foot]
+    if model.geom_condim[pair].max() == 1:
+        return 0.0
+    return float(model.geom_friction[pair, 0].max())

@@ -24,8 +24,8 @@ FEET = "".join(FOOT.format(x=x, y=y) for x in (-0.2, 0.2) for y in (-0.2, 0.2))
 
 
 def slide(seconds, tilts, *, height=0.14, **hidden):
-    """Poses of pucks on slopes of these angles, (n_steps, n_sims, 7)."""
-    model = mujoco.MjModel.from_xml_string(PUCK.format(height=height, feet=FEET))
+    """Poses of pucks on slopes of these angles, from a height, (n_steps, n_sims, 7)."""
+    model = mujoco.MjModel.from_xml_string(PUCK.format(height=0.14, feet=FEET))
     effects = [HiddenEffect(effect=name, values=values) for name, values in hidden.items()]
     soil = Soil(model, effects, step=STEP, n_sims=len(tilts))
     assert soil.any
@@ -33,6 +33,7 @@ def slide(seconds, tilts, *, height=0.14, **hidden):
     gravity = batch.expand("opt.gravity")
     gravity[:] = G * np.stack([np.sin(tilts), np.zeros_like(tilts), -np.cos(tilts)], axis=1)
     qpos = batch.bind("qpos")
+    qpos[:, 2] = height
     soil.watch(batch)
     rows = []
     for _ in range(round(seconds / STEP)):
@@ -71,6 +72,56 @@ def test_what_falls_comes_to_rest():
     z = slide(1.5, np.zeros(1), height=0.19)[:, 0, 2]
     assert z.min() > 0.13
     assert np.ptp(z[-400:]) < 1e-4
+
+
+def compiled(text, changes):
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    return mujoco.MjModel.from_xml_string(text)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {'pos="0 0 0.14"': 'pos="0 0 1"'},
+        {"/><worldbody>": '><flag contact="disable"/></option><worldbody>'},
+    ],
+    ids=["it falls", "no contacts"],
+)
+def test_what_does_not_stand_at_home_falls_on_the_ground_of_the_model(changes):
+    model = compiled(PUCK.format(height=0.14, feet=FEET), changes)
+    before = model.geom_contype.copy()
+    assert not Soil(model, [], step=STEP, n_sims=1).any
+    np.testing.assert_array_equal(model.geom_contype, before)
+
+
+def test_feet_still_meet_all_but_the_ground():
+    ball = '<body pos="0 0 1"><freejoint/><geom name="ball" size="0.02" mass="0.1"/></body>'
+    model = compiled(PUCK.format(height=0.14, feet=FEET), {"</worldbody>": ball + "</worldbody>"})
+    assert Soil(model, [], step=STEP, n_sims=1).any
+    data = mujoco.MjData(model)
+    data.qpos[2] = 0.14 - 2e-3
+    place, ball_id = data.qpos[7:10], model.geom("ball").id
+    place[:] = [-0.2, -0.2, 0.12 - 2e-3 + 0.039]
+    mujoco.mj_forward(model, data)
+    assert [ball_id in pair and 0 not in pair for pair in data.contact.geom.tolist()] == [True]
+    place[:] = [1.0, 0.0, 0.1 + 0.019]
+    mujoco.mj_forward(model, data)
+    assert [set(pair) for pair in data.contact.geom.tolist()] == [{0, ball_id}]
+
+
+def test_frictionless_feet_slide():
+    changes = {'friction="0.6"': 'condim="1" friction="0.6"', 'friction="0.2"': 'condim="1"'}
+    model = compiled(PUCK.format(height=0.14, feet=FEET), changes)
+    soil = Soil(model, [], step=STEP, n_sims=1)
+    batch = mujoco.batch.Batch(model, 1, nthread=1, persistent=True)
+    batch.bind("qvel")[:, 0] = 0.3
+    soil.watch(batch)
+    for _ in range(400):
+        soil.push(batch)
+        batch.step(stage=int(mujoco.mjtStage.mjSTAGE_VEL))
+    assert batch.bind("qvel")[0, 0] == pytest.approx(0.3, rel=1e-3)
 
 
 @pytest.mark.parametrize("without", ["<freejoint/>", FEET])
