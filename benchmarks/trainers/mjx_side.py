@@ -34,21 +34,11 @@ def plain(model, data, targets):
 
 def with_laws(code, model, data, targets):
     """The same with laws around its steps."""
-    dofs, qpos, controls = (np.array(n) for n in (code.DOFS, code.QPOS, code.ACTUATORS))
 
     @jax.jit
     def play(model, data, state, targets):
         def step(carry, target):
-            data, state = carry
-            state, ctrl, applied, dry = code.before_step(
-                state, target, data.qpos[qpos], data.qvel[dofs], data.qfrc_constraint[dofs]
-            )
-            data = data.replace(
-                ctrl=data.ctrl.at[controls].set(ctrl),
-                qfrc_applied=data.qfrc_applied.at[dofs].set(applied),
-            )
-            own = model.replace(dof_frictionloss=model.dof_frictionloss.at[dofs].set(dry))
-            data = mjx.step(own, data)
+            data, state = code.mjx_step(model, *carry, target)
             return (data, state), data.qpos
 
         return jax.lax.scan(step, (data, state), targets)[1]

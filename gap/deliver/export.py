@@ -34,15 +34,18 @@ _FIXED = (
     "the robot is fixed to the world here, as it was in the model that was diagnosed. --model FILE "
     "exports the one that floats."
 )
+_AT_THE_LIMIT = (
+    "MJX goes on damping where a servo is at its limit, and MuJoCo does not. Where your servos "
+    "reach theirs, call mjx_step of drivetrain.py; else mjx.step does."
+)
 _SOLVED = 1e-9  # dry friction that makes MJX and Warp solve for more of it
 _USES = {
-    "mjx": """Around every mjx.step, with JOINTS' columns in qpos and degrees of freedom:
+    "mjx": """In place of every mjx.step:
 
-    state, ctrl, applied, dry = before_step(state, target, data.qpos[QPOS], data.qvel[DOFS],
-                                            data.qfrc_constraint[DOFS])
-    data = data.replace(ctrl=data.ctrl.at[ACTUATORS].set(ctrl),
-                        qfrc_applied=data.qfrc_applied.at[DOFS].set(applied))
-    model = model.replace(dof_frictionloss=model.dof_frictionloss.at[DOFS].set(dry))""",
+    data, state = mjx_step(model, data, state, target)
+
+with `state = start()` at the beginning of an episode, and targets in the order of JOINTS. Where the
+steps have to stay your own, `before_step` says what to set before them.""",
     "torch": """Before every physics step, with (n_envs, n_joints) tensors in the order of JOINTS:
 
     state, ctrl, applied, dry = before_step(state, target, q, qd)
@@ -146,7 +149,11 @@ def _write_code(
         }[trainer]
         text, left, notes = write(robot, laws)
         _write(target / name, text)
-    if left:
+    ways = [way(effect["effect"], trainer) for effect in found.effects]
+    needed = bool(left) or any(one.kind == "function" for one in ways)
+    if not needed and trainer == "mjx" and _damps_at_its_limit(robot):
+        needed, notes = True, (*notes, _AT_THE_LIMIT)
+    if needed:
         arrays = "jax" if trainer == "mjx" else "torch"
         code = law_code(robot, left, arrays, use=_USES.get(trainer, _USES["torch"]))  # type: ignore[arg-type]
         _write(target / MADE, code)
@@ -195,6 +202,16 @@ def suited(robot: Robot, trainer: Trainer) -> tuple[Robot, Laws]:
         if of_joint and joint.frictionloss == 0:
             joint.frictionloss = _SOLVED
     return replace(robot, spec=spec, model=spec.compile()), laws
+
+
+def _damps_at_its_limit(robot: Robot) -> bool:
+    """Whether servos have limits, and damp in implicit steps."""
+    model = robot.model
+    drives = [drive.actuator for joint in robot.joints.values() for drive in joint.drives]
+    limited = model.actuator_forcelimited[drives].astype(bool)
+    damped = model.actuator_biasprm[drives, 2] != 0
+    fast = model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    return bool(fast and (limited & damped).any())
 
 
 def check(robot: Robot, trainer: Trainer, folder: Path) -> None:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Literal
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +30,7 @@ FloatArray = NDArray[np.float64]
 
 _HEADS = {
     "jax": """import jax.numpy as xp
+from mujoco import mjx
 
 LEAST_DRY = 1e-9  # MJX takes a friction of 0 for one without bounds, which holds the joint
 
@@ -208,11 +210,12 @@ def law_code(
 
     Args:
         robot: the robot.
-        laws: joint to law to its parameters, at least one.
+        laws: joint to law to its parameters.
         arrays: whose arrays it works on.
         use: a comment on how it is used, lines without their signs.
     """
     found = driven(robot, laws)
+    numbers = {**found.numbers, **(_slopes(robot, found) if arrays == "jax" else {})}
     chosen = [LAWS[name] for name in found.laws]
     constants: dict[str, float] = {}
     bodies = [_function(law, constants) for law in chosen]
@@ -223,7 +226,7 @@ def law_code(
         f"QPOS = {[robot.joints[j].qpos for j in found.joints]!r}",
         f"DOFS = {[robot.joints[j].dof for j in found.joints]!r}",
         f"DT = {float(robot.model.opt.timestep)!r}",
-        *(f"{name} = {_written(value)}" for name, value in found.numbers.items()),
+        *(f"{name} = {_written(value)}" for name, value in numbers.items()),
         "LAWS = [",
         *(
             f"    ({law.name!r}, {law.name}, {law.stage!r}, {dict(found.memory[law.name])!r}),"
@@ -239,7 +242,15 @@ def law_code(
     ]
     head = f'"""Drivetrain laws that MuJoCo does not have, made by walkerkit.\n\n{use}\n"""\n\n'
     parts = [head + _HEADS[arrays], _asset("runtime.py.txt"), *bodies, "\n".join(lines) + "\n"]
-    return "\n\n".join([*parts, _asset("main.py.txt")])
+    parts += [_asset("main.py.txt"), *([_asset("mjx.py.txt")] if arrays == "jax" else [])]
+    return "\n\n".join(parts)
+
+
+def _slopes(robot: Robot, found: Driven) -> dict[str, object]:
+    """What MuJoCo's implicit integrators know of the joints, and MJX's do not."""
+    drag = found.laws.get(QuadraticDrag.name, {}).get("drag", np.zeros(len(found.joints)))
+    fast = robot.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    return {"DRAG": drag, "IMPLICIT_SERVOS": float(fast)}
 
 
 def _asset(name: str) -> str:

@@ -76,6 +76,8 @@ _SPECIAL: Mapping[str, Mapping[str, Way]] = MappingProxyType(
             # MJX ignores both without a word.
             "command_delay": Way(kind="function", says=f"`command_delay` in {MADE}"),
             "quadratic_drag": Way(kind="function", says=f"`quadratic_drag` in {MADE}"),
+            # It would go on damping where a servo is at its limit.
+            "effort_limit": Way(kind="function", says=f"`mjx_step` in {MADE}"),
         },
         "mjlab": {
             "command_delay": _config("`delay_min_lag`, `delay_max_lag`, in steps"),

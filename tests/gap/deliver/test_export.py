@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.trainers.legs import diagnosed, leg_at
+from benchmarks.trainers.legs import LEG, diagnosed, leg_at
 from tests.gap.deliver.robots import STANDING, text_for
 from walkerkit.gap.deliver import export
 from walkerkit.gap.deliver.findings import read_findings
@@ -20,8 +20,8 @@ from walkerkit.gap.simulation.load_robot import load_robot
 
 @pytest.fixture
 def saved(tmp_path):
-    def make(name, sites=None):
-        robot = leg_at(tmp_path / "own" / "leg.xml", text_for(name))
+    def make(name, sites=None, text=None):
+        robot = leg_at(tmp_path / "own" / "leg.xml", text or text_for(name))
         mended = diagnosed(tmp_path / "result", robot, name, sites)
         return tmp_path / "result", mended
 
@@ -33,14 +33,17 @@ def test_a_function_is_there_where_the_table_says_so(name, saved):
     folder, _ = saved(name)
     # One trainer each, in turn, and all that have it in a way of their own.
     ways = {way(name, trainer).kind: trainer for trainer in TRAINERS}
-    for trainer in {TRAINERS[[*CATALOGUE].index(name) % 4], ways.get("config", "mjx")}:
+    others = {ways.get("config", "mjx"), ways.get("function", "mjx")}
+    for trainer in {TRAINERS[[*CATALOGUE].index(name) % 4], *others}:
         done = export(folder, trainer)
         names = {path.name for path in done.files}
         assert {"model.xml", "randomization.py", "export.json"} <= names
         own = way(name, trainer)
         code = done.folder / "drivetrain.py"
         if own.kind == "function":
-            assert f"def {name}(" in code.read_text()
+            function = own.says.split("`")[1]
+            assert function in (name, "mjx_step")
+            assert f"def {function}(" in code.read_text()
         elif own.kind == "config" and not code.exists():
             assert "drivetrain" not in own.says
         assert bool(done.lost) == (own.kind == "cannot")
@@ -57,6 +60,18 @@ def test_mjx_gets_no_delay_that_it_would_ignore(saved):
     assert "'delay': array([" in (done.folder / "drivetrain.py").read_text()
     # Warp simulates it.
     assert load_robot(export(folder, "warp").folder / "model.xml").model.actuator_delay.any()
+
+
+@pytest.mark.parametrize("limit", [' forcerange="-20 20"', ""])
+def test_mjx_is_told_how_to_stop_damping_at_a_limit(saved, limit):
+    folder, _ = saved("payload", text=LEG.replace(' forcerange="-20 20"', limit))
+    done = export(folder, "mjx")
+    code = done.folder / "drivetrain.py"
+    assert code.exists() == bool(limit)
+    assert any("call mjx_step" in note for note in done.notes) == bool(limit)
+    if limit:
+        assert "IMPLICIT_SERVOS = array([1.0])" in code.read_text()
+        assert "LAWS = [\n]" in code.read_text()
 
 
 def test_mjlab_gets_lags_in_steps_and_is_told_what_rounding_loses(saved):
