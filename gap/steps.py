@@ -228,7 +228,7 @@ def fit(
             FittedEffect(
                 effect=term.effect.name,
                 places=term.places,
-                parameters=estimates(found, term, variance, sensitivity),
+                parameters=estimates(found, term, variance, sensitivity, told=terms),
             )
             for term in terms
         ),

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.deliver.findings import Findings
+from walkerkit.gap.deliver.findings import DIAGNOSIS, Findings
+from walkerkit.gap.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
@@ -63,9 +64,18 @@ class Posterior:
 
 
 def posterior(found: Findings) -> Posterior:
-    """What a diagnosis knows of its numbers."""
+    """What a diagnosis knows of its numbers.
+
+    Raises:
+        InputError: its correlations are none.
+    """
     everything = [(effect, p) for effect in found.effects for p in effect["parameters"]]
     correlation = np.array(found.content.get("correlation") or np.eye(len(everything)), dtype=float)
+    if not np.allclose(correlation, correlation.T) or not np.allclose(correlation.diagonal(), 1.0):
+        raise InputError(
+            f"{found.folder / DIAGNOSIS}: its correlation is not symmetric with ones on the "
+            "diagonal, as earlier versions wrote it of several effects. Diagnose once more."
+        )
     fixed, drawn = {}, []
     for number, (effect, p) in enumerate(everything):
         reason = _fixed(p)

@@ -26,6 +26,7 @@ def estimates(
     variance: FloatArray,
     sensitivity: FloatArray,
     mended: Sequence[Robot] = (),
+    told: Sequence[Term] | None = None,
 ) -> tuple[Estimate, ...]:
     """The numbers of one term of a fit.
 
@@ -35,7 +36,9 @@ def estimates(
         variance: as `covariance` has it of the fit.
         sensitivity: the same.
         mended: the fit's robots with all that was named; none for what is not written anywhere.
+        told: the structure's terms in the order in which they are told; by default its own.
     """
+    order = [k for one in told or fit.structure.terms for k in fit.structure.columns(one)]
     lower, upper = fit.structure.bounds
     correlation = _correlation(fit, variance)
     stopped = at_bound(fit)
@@ -56,7 +59,7 @@ def estimates(
             upper=float(upper[i]),
             field=field.path if field is not None else "",
             changes=tuple(_changes(slot, fit.structure.robots, mended)),
-            correlation=tuple(map(float, correlation[i])),
+            correlation=tuple(map(float, correlation[i, order])),
         )
         found.append(_inverted(estimate, *slot.parameter.inverse))
     return tuple(found)

@@ -52,7 +52,7 @@ def named_effects(
                 joints=() if one.term.effect.kind == "body" else _shown_joints(one.term),
                 bodies=one.term.sites if one.term.effect.kind == "body" else (),
                 confidence=one.confidence,
-                parameters=estimates(final, one.term, variance, sensitivity, mended),
+                parameters=estimates(final, one.term, variance, sensitivity, mended, terms),
                 gap_after=gaps["position"],
                 gaps_after=gaps,
                 indistinguishable_from=tuple(dict.fromkeys([*one.exchanges, *one.equivalent])),

@@ -62,6 +62,19 @@ def read_first(bench):
     return run_hardware(bench, targets, rate=250, seed=1, reads_first=True)
 
 
+def test_correlations_follow_the_numbers_in_the_order_in_which_they_are_told(problem):
+    names, found = ("torque_bias", "coulomb_friction", "viscous_friction"), []
+    for order in (names, names[::-1]):
+        fitted = gap.fit(problem, {name: [JOINT] for name in order})
+        assert [one.effect for one in fitted.effects] == [*order]
+        rows = np.array([p.correlation for one in fitted.effects for p in one.parameters])
+        np.testing.assert_allclose(rows, rows.T, atol=1e-12)
+        np.testing.assert_array_equal(np.diag(rows), 1.0)
+        assert abs(rows[1, 2 if order == names else 0]) > 0.1  # of the two frictions
+        found.append(rows)
+    np.testing.assert_allclose(found[0], found[1][::-1, ::-1], atol=0.05)
+
+
 class TestReplay:
     @pytest.mark.parametrize("logs", ["rehearsal", "read_first"])
     def test_is_what_compare_measures(self, bench, logs, request):

@@ -179,6 +179,15 @@ def test_draws_are_correlated_and_within_bounds(saved, tmp_path):
     np.testing.assert_allclose(again["viscous_friction", "hip", "damping"], drawn[:, 0], rtol=1e-9)
 
 
+def test_correlations_of_other_numbers_are_refused(saved):
+    folder, _ = saved("viscous_friction")
+    content = json.loads((folder / "diagnosis.json").read_text())
+    content["correlation"] = [[0.1, 1.0], [1.0, 0.1]]
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"diagnosis\.json: its correlation is not symmetric"):
+        posterior(read_findings(folder))
+
+
 def test_what_is_no_estimate_is_not_drawn(saved):
     folder, _ = saved("viscous_friction")
     content = json.loads((folder / "diagnosis.json").read_text())
