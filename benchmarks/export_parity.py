@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ def run(*, quick: bool) -> list[Row]:
     """The largest difference of a joint's position, per trainer."""
     names = QUICK if quick else tuple(CATALOGUE)
     with tempfile.TemporaryDirectory() as made:
-        folders, wanted = {}, {}
+        folders, wanted, in_steps = {}, {}, {}
         for name in names:
             robot = leg_with(name, Path(made) / name / "own" / "leg.xml")
             mended = diagnosed(Path(made) / name / "result", robot, name)
@@ -48,6 +49,8 @@ def run(*, quick: bool) -> list[Row]:
                 np.save(renamed / "targets.npy", targets)
                 folders[name, trainer] = renamed
             wanted[name] = _reference(mended, targets)
+            if mended.model.actuator_delay.any() and not mended.laws:
+                in_steps[name] = _reference(_in_whole_steps(mended), targets)
         rows = [_compared("mjx", MJX, names, folders, wanted)]
         plain = tuple(n for n in names if not (folders[n, "warp"] / "drivetrain.py").exists())
         rows.append(_compared("warp", WARP, plain, folders, wanted))
@@ -56,11 +59,15 @@ def run(*, quick: bool) -> list[Row]:
             print("mjlab", *json.loads(line)[:4])
         rows.append(
             Row(
-                what="robot.py compiled by mjlab",
+                what="configs that compile, mjlab",
                 result=f"{len(said.splitlines())} of {len(names)}",
                 reference="",
                 required="all",
             )
+        )
+        plain = tuple(n for n in names if (folders[n, "mjlab"] / "mjlab.npy").exists())
+        rows.append(
+            _errors("mjlab", plain, folders, {n: in_steps.get(n, wanted[n]) for n in plain})
         )
     return rows
 
@@ -73,10 +80,20 @@ def _compared(
     wanted: dict[str, FloatArray],
 ) -> Row:
     run_in(python_with(*packages), f"{trainer}_side.py", *(folders[n, trainer] for n in names))
+    return _errors(trainer, names, folders, wanted)
+
+
+def _errors(
+    trainer: str,
+    names: tuple[str, ...],
+    folders: dict[tuple[str, str], Path],
+    wanted: dict[str, FloatArray],
+) -> Row:
     errors = {}
     for name in names:
         found = np.load(folders[name, trainer] / f"{trainer}.npy")
-        errors[name] = float(np.abs(found - wanted[name]).max())
+        # mjlab tells joints alone, without the base that comes first.
+        errors[name] = float(np.abs(found - wanted[name][:, -found.shape[1] :]).max())
         kind = way(name, trainer).kind  # type: ignore[arg-type]
         print(f"{trainer} {name} ({kind}): {1e3 * errors[name]:.3g} mrad", flush=True)
     within = sum(error < MOST for error in errors.values())
@@ -116,6 +133,14 @@ def _reference(mended: Robot, targets: FloatArray) -> FloatArray:
         mujoco.mj_step(model, data)
         found.append(data.qpos.copy())
     return np.array(found)
+
+
+def _in_whole_steps(mended: Robot) -> Robot:
+    """The robot with delays as mjlab has them, which its export tells."""
+    model = mended.spec.copy().compile()
+    step = model.opt.timestep
+    model.actuator_delay[:] = np.round(model.actuator_delay / step) * step
+    return replace(mended, model=model)
 
 
 def _with_laws(mended: Robot, laws: Any, targets: FloatArray) -> FloatArray:

@@ -10,10 +10,11 @@ draw is a model of its own, which replays the held-out recordings.
 from __future__ import annotations
 
 import copy
+import json
 import runpy
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,9 @@ from benchmarks import Row
 from benchmarks.rivals.logs import LOGS
 from walkerkit import gap
 from walkerkit.gap import Recording
-from walkerkit.gap.deliver import export
-from walkerkit.gap.deliver.findings import Findings, read_findings
-from walkerkit.gap.deliver.reapply import reapplied
-from walkerkit.gap.deliver.written import write_mended
+from walkerkit.gap.deliver import apply, export
+from walkerkit.gap.deliver.findings import DIAGNOSIS, read_findings
 from walkerkit.gap.rehearsal.rehearse import rehearse
-from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.walkers import LEG_XML
 
 DRAWS = 40
@@ -76,15 +74,11 @@ def _row(log: _Log) -> Row:
         found = read_findings(folder)
         drawn = runpy.run_path(str(export(folder, "warp").folder / "randomization.py"))
         numbers = drawn["draw"](np.random.default_rng(0), DRAWS)
-        changes = {
-            key: numbers[key] - mean for key, mean in zip(numbers, drawn["MEAN"], strict=True)
-        }
-        gaps = np.array(
-            [
-                _gap(log, _changed(found, {key: float(by[k]) for key, by in changes.items()}), made)
-                for k in range(DRAWS)
-            ]
-        )
+        gaps = np.empty(DRAWS)
+        for k in range(DRAWS):
+            by = {key: float(numbers[key][k] - drawn["MEAN"][i]) for i, key in enumerate(numbers)}
+            (folder / DIAGNOSIS).write_text(_changed(found.content, by))
+            gaps[k] = _gap(log, folder)
     own = result.diagnosis.gap.position.after
     within = float(np.mean(gaps <= TIMES * own))
     effects = ", ".join(effect["effect"] for effect in found.effects)
@@ -98,10 +92,10 @@ def _row(log: _Log) -> Row:
     )
 
 
-def _changed(found: Findings, by: Mapping[Key, float]) -> Findings:
-    """The findings with other numbers."""
-    content: dict[str, Any] = copy.deepcopy(dict(found.content))
-    for effect in content["effects"]:
+def _changed(content: Mapping[str, Any], by: Mapping[Key, float]) -> str:
+    """A diagnosis.json with other numbers."""
+    changed: dict[str, Any] = copy.deepcopy(dict(content))
+    for effect in changed["effects"]:
         for number in effect["parameters"]:
             place = number.get("joint", number.get("body", "*"))
             change = by.get((effect["effect"], place, number["name"]), 0.0)
@@ -109,13 +103,11 @@ def _changed(found: Findings, by: Mapping[Key, float]) -> Findings:
             for one in (number, *number.get("each", ())):
                 if one["is"] is not None:
                     one["is"] += change
-    return replace(found, content=content)
+    return json.dumps(changed)
 
 
-def _gap(log: _Log, found: Findings, made: str) -> float:
-    given = load_robot(log.model, allow_outside=True)
-    mended, _ = reapplied(found, given, ())
-    path = Path(made) / "drawn.xml"
-    write_mended(given, mended, path)
+def _gap(log: _Log, folder: Path) -> float:
+    path = folder / "drawn" / "drawn.xml"
+    apply(folder, log.model, out=path, overwrite=True, allow_outside=True)
     compared = gap.compare(path, log.fitted, held_out=log.held_out, allow_outside=True)
     return compared.gap.position.before

@@ -26,6 +26,10 @@ from walkerkit.gap.simulation.robot import Measurement, Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar, with_sidecar
 
 _NEW = "new element"
+_HISTORY = (
+    "the delayed actuators act on zeros after a reset until commands arrive. Fill what they "
+    "remember with mujoco.mj_initCtrlHistory, as walkers of walkerkit do."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +96,8 @@ def apply(
     out.parent.mkdir(parents=True, exist_ok=True)
     place(text, out)
     beside = _beside(mended)
+    if mended.model.actuator_delay.any() and not given.model.actuator_delay.any():
+        notes = (*notes, _HISTORY)
     written = [out, *(out.parent / name for name in text.others)]
     if beside or _read_otherwise(mended, out):
         written.append(_write_beside(mended, out, found))
@@ -119,8 +125,8 @@ def _lines(edits: Iterable[Edit]) -> tuple[str, ...]:
     for edit in edits:
         what = f"{_NEW} {edit.now}"
         if edit.attribute:
-            was = "unset" if edit.was is None else edit.was
-            what = f"{edit.attribute} {was} → {edit.now}"
+            was = "(none of its own)" if edit.was is None else _short(edit.was)
+            what = f"{edit.attribute} {was} → {_short(edit.now)}"
         name = edit.node.get("name") or edit.node.get("joint") or ""
         names.setdefault((edit.node.tag, what), []).append(name)
     lines = []
@@ -128,6 +134,14 @@ def _lines(edits: Iterable[Edit]) -> tuple[str, ...]:
         of_it = some(found).replace("'", "") if len(found) > 1 else found[0]
         lines.append(f"{tag} {of_it}".rstrip() + f": {what}")
     return tuple(lines)
+
+
+def _short(text: str) -> str:
+    """Numbers of an attribute in six digits; the file has all of them."""
+    try:
+        return " ".join(f"{float(number):.6g}" for number in text.split())
+    except ValueError:
+        return text
 
 
 def _beside(robot: Robot) -> tuple[str, ...]:

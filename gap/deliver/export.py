@@ -8,20 +8,17 @@ export("result", "mjlab", model="go2.xml") # the same findings in the robot that
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import mujoco
-import numpy as np
-
-from walkerkit.actuators.drivetrain import LAWS
 from walkerkit.gap.deliver import isaaclab, mjlab
 from walkerkit.gap.deliver.findings import Findings, read_findings
-from walkerkit.gap.deliver.law_code import all_laws, law_code
+from walkerkit.gap.deliver.law_code import law_code
 from walkerkit.gap.deliver.randomization import posterior, randomization_code
 from walkerkit.gap.deliver.reapply import of_the_mount, reapplied
+from walkerkit.gap.deliver.suited import Laws, check, damps_at_its_limit, suited
 from walkerkit.gap.deliver.trainers import MADE, TRAINERS, Trainer, way
 from walkerkit.gap.deliver.written import write_mended
 from walkerkit.gap.errors import InputError, closest
@@ -29,16 +26,18 @@ from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 
-Laws = Mapping[str, Mapping[str, Mapping[str, float]]]
 _FIXED = (
     "the robot is fixed to the world here, as it was in the model that was diagnosed. --model FILE "
     "exports the one that floats."
+)
+_HISTORY = (
+    "model.xml has delayed actuators, which act on zeros after a reset until commands arrive. Fill "
+    "what they remember with `init_ctrl_history` of mujoco_warp (`mj_initCtrlHistory` of mujoco)."
 )
 _AT_THE_LIMIT = (
     "MJX goes on damping where a servo is at its limit, and MuJoCo does not. Where your servos "
     "reach theirs, call mjx_step of drivetrain.py; else mjx.step does."
 )
-_SOLVED = 1e-9  # dry friction that makes MJX and Warp solve for more of it
 _USES = {
     "mjx": """In place of every mjx.step:
 
@@ -117,19 +116,26 @@ def export(
         mended, told = reapplied(found, given, ())
         found = replace(found.without(of_the_mount(found, given)), robot=mended)
     check(found.robot, trainer, found.folder if model is None else Path(model))
+    ranges = randomization_code(posterior(found))
     target.mkdir(parents=True, exist_ok=True)
-    robot, laws = suited(found.robot, trainer)
+    suits = suited(found.robot, trainer)
     for path in target.glob("*"):
         if path.is_file():
             path.unlink()
-    write_mended(given, robot, target / "model.xml")
-    notes = (*told, *_write_code(found, robot, laws, trainer, target))
+    write_mended(given, suits.robot, target / "model.xml")
+    notes = (*told, *_write_code(found, suits.robot, suits.laws, trainer, target))
+    _write(target / "randomization.py", ranges)
+    if suits.robot.model.actuator_delay.any():
+        notes = (*notes, _HISTORY)
     if model is None and given.base is None:
         notes = (*notes, _FIXED)
-    lost = tuple(
-        f"{effect['effect']}: {found_way.says}"
-        for effect in found.effects
-        if (found_way := way(effect["effect"], trainer)).kind == "cannot"
+    lost = (
+        *suits.lost,
+        *(
+            f"{effect['effect']}: {found_way.says}"
+            for effect in found.effects
+            if (found_way := way(effect["effect"], trainer)).kind == "cannot"
+        ),
     )
     _write(target / "export.json", json.dumps(_content(found, trainer, lost, notes), indent=2))
     files = tuple(path for path in sorted(target.rglob("*")) if path.is_file())
@@ -151,13 +157,12 @@ def _write_code(
         _write(target / name, text)
     ways = [way(effect["effect"], trainer) for effect in found.effects]
     needed = bool(left) or any(one.kind == "function" for one in ways)
-    if not needed and trainer == "mjx" and _damps_at_its_limit(robot):
+    if not needed and trainer == "mjx" and damps_at_its_limit(robot):
         needed, notes = True, (*notes, _AT_THE_LIMIT)
     if needed:
         arrays = "jax" if trainer == "mjx" else "torch"
         code = law_code(robot, left, arrays, use=_USES.get(trainer, _USES["torch"]))  # type: ignore[arg-type]
         _write(target / MADE, code)
-    _write(target / "randomization.py", randomization_code(posterior(found)))
     return notes
 
 
@@ -174,76 +179,3 @@ def _content(
         "lost": list(lost),
         "notes": list(notes),
     }
-
-
-def suited(robot: Robot, trainer: Trainer) -> tuple[Robot, Laws]:
-    """A robot whose model has nothing that a trainer ignores, and its laws with what was taken.
-
-    Args:
-        robot: the mended robot.
-        trainer: for whom.
-
-    Returns:
-        The robot, and joint to law to its parameters.
-    """
-    ignores_drag = trainer in ("mjx", "isaaclab")
-    # A law of the drive sees the effort of targets that have arrived.
-    ignores_delay = trainer != "warp" or bool(robot.laws)
-    laws = all_laws(robot, delays=ignores_delay, drag=ignores_drag)
-    spec = robot.spec.copy()
-    spec.compile()
-    for actuator in spec.actuators:
-        if ignores_delay and actuator.delay:
-            actuator.delay, actuator.nsample, actuator.interp = 0.0, 0, 0
-    for joint in spec.joints:
-        if ignores_drag:
-            joint.damping[1:] = 0.0
-        of_joint = any(LAWS[law].stage == "joint" for law in laws.get(joint.name, {}))
-        if of_joint and joint.frictionloss == 0:
-            joint.frictionloss = _SOLVED
-    return replace(robot, spec=spec, model=spec.compile()), laws
-
-
-def _damps_at_its_limit(robot: Robot) -> bool:
-    """Whether servos have limits, and damp in implicit steps."""
-    model = robot.model
-    drives = [drive.actuator for joint in robot.joints.values() for drive in joint.drives]
-    limited = model.actuator_forcelimited[drives].astype(bool)
-    damped = model.actuator_biasprm[drives, 2] != 0
-    fast = model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    return bool(fast and (limited & damped).any())
-
-
-def check(robot: Robot, trainer: Trainer, folder: Path) -> None:
-    """Refuses what a trainer would ignore without a word.
-
-    Raises:
-        InputError: it would, with what to do.
-    """
-    model = robot.model
-    ignored = []
-    if trainer == "mjx":
-        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICIT:
-            ignored.append("integrator `implicit`, which it does not have")
-        if np.any(model.jnt_stiffnesspoly):
-            ignored.append("springs of joints that are not linear")
-        if np.any(model.tendon_dampingpoly) or np.any(model.tendon_stiffnesspoly):
-            ignored.append("springs and dampers of tendons that are not linear")
-        if np.any(model.sensor_history[:, 0] > 0):
-            ignored.append("delays of sensors")
-        passive = [
-            name
-            for name, joint in robot.joints.items()
-            if model.dof_dampingpoly[joint.dof].any()
-            and (not joint.drives or model.dof_dampingpoly[joint.dof, 1])
-        ]
-        if passive:
-            ignored.append(f"damping that is not linear, of {', '.join(passive)}")
-        of_others = {d.actuator for joint in robot.joints.values() for d in joint.drives[:1]}
-        if any(model.actuator_delay[a] > 0 for a in {*range(model.nactuator)} - of_others):
-            ignored.append("delays of actuators that are not a joint's own")
-    if ignored:
-        raise InputError(
-            f"{folder}: {trainer} would not simulate {'; '.join(ignored)}, and would not say so. "
-            "Take them out of the model, or export to warp."
-        )

@@ -13,19 +13,38 @@ import numpy as np
 
 from walkerkit.actuators.drivetrain import CommandDelay, TorqueSpeedLimit
 from walkerkit.gap.deliver.law_code import driven
-from walkerkit.gap.deliver.mjlab import at, lost_in_steps, steps
+from walkerkit.gap.deliver.mjlab import (
+    at,
+    delays,
+    laid_out,
+    lost_in_steps,
+    rounded_off,
+    start,
+    steps,
+)
 from walkerkit.gap.simulation.robot import Robot
 
 Laws = Mapping[str, Mapping[str, Mapping[str, float]]]
 _HEAD = '''"""Actuators of the diagnosed robot for Isaac Lab 2.3, made by walkerkit.
 
-    from actuators import ACTUATORS      # of an isaaclab.assets.ArticulationCfg
+    ./isaaclab.sh -p scripts/tools/convert_mjcf.py model.xml robot.usd --import-sites{fix}
+
+    from actuators import ACTUATORS, START
+
+    ArticulationCfg(
+        spawn=UsdFileCfg(usd_path="robot.usd"),
+        init_state=ArticulationCfg.InitialStateCfg(**START),
+        actuators=ACTUATORS,
+    )
 
 Delays are in physics steps of {dt:g} s: simulate with SimulationCfg(dt={dt:g}, gravity={gravity}).
+With another timestep, DELAYS says how long they are.
 """
 
-from isaaclab.actuators import DCMotorCfg, DelayedPDActuatorCfg, IdealPDActuatorCfg
+from isaaclab.actuators import {kinds}
 
+START = {start}
+DELAYS = {delays}  # of commands [s]
 ACTUATORS = {{
 {actuators}
 }}
@@ -42,12 +61,11 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
     found, notes, model = driven(robot, laws), list[str](), robot.model
     dt, numbers, rounded = float(model.opt.timestep), found.numbers, dict[str, list[str]]()
     left: dict[str, Mapping[str, Mapping[str, float]]] = {}
-    lines = []
+    groups: dict[tuple[str, tuple[tuple[str, Any], ...]], list[str]] = {}
     for number, joint in enumerate(found.joints):
         own, dof = dict(laws.get(joint, {})), robot.joints[joint].dof
         dry = float(model.dof_frictionloss[dof])
         fields: dict[str, Any] = {
-            "joint_names_expr": [joint],
             "stiffness": at(numbers["STIFFNESS"], number),
             "damping": at(numbers["DAMPING"], number),
             "effort_limit": at(numbers["LIMIT"], number),
@@ -74,8 +92,19 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
             left[joint] = rest
         if fields["effort_limit"] == np.inf:
             del fields["effort_limit"]
-        inside = "".join(f"\n        {name}={value!r}," for name, value in fields.items())
-        lines.append(f"    {joint!r}: {kind}({inside}\n    ),")
-    gravity = tuple(float(f"{g:.6g}") for g in model.opt.gravity)
-    text = _HEAD.format(dt=dt, gravity=gravity, actuators="\n".join(lines))
+        groups.setdefault((kind, tuple(fields.items())), []).append(joint)
+    lines = []
+    for (kind, of), names in groups.items():
+        shown = {"joint_names_expr": names, **dict(of)}
+        inside = "".join(f"\n        {key}={laid_out(one, 8)}," for key, one in shown.items())
+        lines.append(f"    {names[0]!r}: {kind}({inside}\n    ),")
+    text = _HEAD.format(
+        dt=dt,
+        fix=" --fix-base" if robot.base is None else "",
+        gravity=tuple(map(rounded_off, model.opt.gravity)),
+        kinds=", ".join(sorted({kind for kind, _ in groups})),
+        start=laid_out(start(robot)),
+        delays=laid_out(delays(laws)),
+        actuators="\n".join(lines),
+    )
     return text, left, (*lost_in_steps(rounded), *notes)

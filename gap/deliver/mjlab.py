@@ -8,49 +8,79 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from walkerkit.actuators.drivetrain import CommandDelay, TorqueSpeedLimit
 from walkerkit.gap.deliver.law_code import driven
 from walkerkit.gap.deliver.patch import INTEGRATORS
+from walkerkit.gap.deliver.suited import planes, thick
 from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.start import rest
 
 Laws = Mapping[str, Mapping[str, Mapping[str, float]]]
 _HEAD = '''"""The diagnosed robot for mjlab, made by walkerkit.
 
-    from robot import ROBOT          # an mjlab.entity.EntityCfg
+    from robot import ROBOT, SIMULATION    # mjlab's EntityCfg and SimulationCfg
 
-Delays are in physics steps of {dt:g} s. What is of the simulation mjlab does not take from the
-robot's file, so give it to MujocoCfg: timestep={dt:g}, integrator={integrator!r},
-gravity={gravity}.
+mjlab takes nothing of the simulation from the robot's file: SIMULATION has what differs from its
+defaults. Delays are in physics steps of {dt:g} s; with another timestep, DELAYS says how long.
 """
 
 from pathlib import Path
 
 import mujoco
-from mjlab.actuator import DcMotorActuatorCfg, XmlActuatorCfg
+from mjlab.actuator import {kinds}
 from mjlab.entity import EntityArticulationInfoCfg, EntityCfg
+from mjlab.sim import MujocoCfg, SimulationCfg
 
 REPLACED = {replaced!r}  # joints whose XML actuators a config takes the place of
+DELAYS = {delays}  # of commands [s]
 
 
 def spec():
     model = mujoco.MjSpec.from_file(str(Path(__file__).with_name("model.xml")))
     for actuator in list(model.actuators):
         if actuator.target in REPLACED:
-            model.delete(actuator)
+            model.delete(actuator){planes}
     return model
 
 
 ROBOT = EntityCfg(
     spec_fn=spec,
+    init_state=EntityCfg.InitialStateCfg(
+{start}
+    ),
     articulation=EntityArticulationInfoCfg(
         actuators=(
 {actuators}
         ),
     ),
 )
+SIMULATION = SimulationCfg(
+    mujoco=MujocoCfg(
+{options}
+    ),
+)
 '''
+_PLANES = """
+    for geom in list(model.worldbody.geoms):  # the ground is the scene's
+        if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
+            model.delete(geom)"""
+_WIDTH = 100
+_INTEGRATORS = ("euler", "implicitfast")
+_DEFAULTS = {
+    "cone": "pyramidal",
+    "impratio": 1.0,
+    "solver": "newton",
+    "iterations": 100,
+    "tolerance": 1e-8,
+    "ls_iterations": 50,
+    "ls_tolerance": 0.01,
+    "disableflags": (),
+    "enableflags": (),
+}
+"""Of mjlab's MujocoCfg."""
 
 
 def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
@@ -90,20 +120,114 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
     lines = [
         written(kind, "target_names_expr", names, dict(of)) for (kind, of), names in groups.items()
     ]
-    option = robot.model.opt
+    options, notes = _options(robot.model)
+    on_ground = robot.base is not None and bool(planes(robot.spec))
     text = _HEAD.format(
         dt=dt,
-        integrator=INTEGRATORS[int(option.integrator)].lower(),
-        gravity=tuple(float(f"{g:.6g}") for g in option.gravity),
+        kinds=", ".join(sorted({kind for kind, _ in groups})),
         replaced=tuple(replaced),
+        delays=laid_out(delays(laws)),
+        planes=_PLANES if on_ground else "",
+        start=_assigned(start(robot), 8),
         actuators="\n".join(lines),
+        options=_assigned(options, 8),
     )
-    notes = lost_in_steps(rounded)
+    notes += lost_in_steps(rounded)
+    if on_ground:
+        notes.append("the ground of model.xml is left out: mjlab's scene has its own.")
     if left:
         notes.append(
             f"laws of {', '.join(left)} are in drivetrain.py, to be called before each step."
         )
     return text, left, tuple(notes)
+
+
+def delays(laws: Laws) -> dict[str, float]:
+    """Of each joint's commands [s]."""
+    late = {joint: of[CommandDelay.name] for joint, of in laws.items() if CommandDelay.name in of}
+    return {joint: rounded_off(of["delay"]) for joint, of in late.items()}
+
+
+def start(robot: Robot) -> dict[str, Any]:
+    """Where the robot begins: at its first keyframe, or as its file has it."""
+    model, qpos = robot.model, rest(robot.model).qpos
+    pose = {name: rounded_off(qpos[joint.qpos]) for name, joint in robot.joints.items()}
+    if robot.base is not None:
+        place = qpos[robot.base.qpos : robot.base.qpos + 7]
+    else:
+        roots = np.flatnonzero(model.body_parentid[1:] == 0)[:1] + 1
+        place = np.concatenate([model.body_pos[roots], model.body_quat[roots]], axis=1).ravel()
+    pos, rot = (tuple(map(rounded_off, part)) for part in (place[:3], place[3:]))
+    return {"pos": pos, "rot": rot, "joint_pos": pose}
+
+
+def _options(model: mujoco.MjModel) -> tuple[dict[str, Any], list[str]]:
+    """What of a model's options MujocoCfg has to be given, and what it cannot have."""
+    option, notes = model.opt, list[str]()
+    integrator = INTEGRATORS[int(option.integrator)].lower()
+    if integrator not in _INTEGRATORS:
+        notes.append(f"mjlab has no integrator {integrator!r}: SIMULATION has 'implicitfast'.")
+        integrator = "implicitfast"
+    given: dict[str, Any] = {
+        "cone": ("pyramidal", "elliptic")[int(option.cone)],
+        "impratio": rounded_off(option.impratio),
+        "solver": ("pgs", "cg", "newton")[int(option.solver)],
+        "iterations": int(option.iterations),
+        "tolerance": rounded_off(option.tolerance),
+        "ls_iterations": int(option.ls_iterations),
+        "ls_tolerance": rounded_off(option.ls_tolerance),
+        "disableflags": _flags(mujoco.mjtDisableBit, int(option.disableflags)),
+        "enableflags": _flags(mujoco.mjtEnableBit, int(option.enableflags)),
+    }
+    if thick(model):
+        given["disableflags"] = (*given["disableflags"], "multiccd", "nativeccd")
+        notes.append(
+            "SIMULATION switches multiccd and nativeccd off, since mjlab loads no boxes or meshes "
+            "that touch with a margin otherwise."
+        )
+    return {
+        "timestep": rounded_off(option.timestep),
+        "integrator": integrator,
+        "gravity": tuple(map(rounded_off, option.gravity)),
+        **{name: value for name, value in given.items() if value != _DEFAULTS[name]},
+    }, notes
+
+
+def _flags(kind: Any, bits: int) -> tuple[str, ...]:
+    """Names of the flags that are set, as in XML."""
+    return tuple(
+        name.partition("_")[2].lower()
+        for name, flag in kind.__members__.items()
+        if bits & int(flag) and not name.startswith("mjN")
+    )
+
+
+def _assigned(fields: Mapping[str, Any], indent: int) -> str:
+    space = " " * indent
+    return "\n".join(f"{space}{name}={laid_out(value, indent)}," for name, value in fields.items())
+
+
+def laid_out(value: object, indent: int = 0) -> str:
+    """A value as Python has it; what is long goes on in lines that begin further in."""
+    text, space = repr(value), "\n" + " " * (indent + 4)
+    if len(text) + indent < _WIDTH or not isinstance(value, dict | list | tuple):
+        return text
+    if isinstance(value, dict):
+        pieces = [f"{key!r}: {laid_out(own, indent + 4)}," for key, own in value.items()]
+    else:
+        pieces = [f"{laid_out(one, indent + 4)}," for one in value]
+    lines = [""]
+    for piece in pieces:
+        if not lines[-1] or len(lines[-1]) + len(piece) + indent + 5 > _WIDTH:
+            lines.append(piece)
+        else:
+            lines[-1] += f" {piece}"
+    return text[0] + space.join(lines) + space[:-4] + text[-1]
+
+
+def rounded_off(value: float) -> float:
+    """A number in six digits."""
+    return float(f"{value:.6g}")
 
 
 def steps(delay: float, dt: float, joint: str, rounded: dict[str, list[str]]) -> int:
@@ -134,8 +258,7 @@ def at(values: object, number: int) -> float:
 
 def written(kind: str, names_field: str, names: list[str], fields: Mapping[str, Any]) -> str:
     """A config as a call, twelve spaces in."""
-    quoted = ", ".join(map(repr, names))
-    body = [f"{names_field}=({quoted},)"]
+    body = [f"{names_field}={laid_out(tuple(names), 16)}"]
     for name, value in fields.items():
         text = 'float("inf")' if value == np.inf else repr(value)
         body.append(f"{name}={text}")

@@ -4,6 +4,7 @@ import ast
 import json
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -109,6 +110,70 @@ def test_the_robot_that_floats_is_exported_with_what_was_found_while_it_hung(sav
     assert f"'delay': array([{mended.model.actuator_delay[0]:.6g}, " in code
     warp = load_robot(export(folder, "warp", model=standing.path).folder / "model.xml").model
     np.testing.assert_allclose(warp.actuator_delay, mended.model.actuator_delay, rtol=1e-5)
+
+
+def test_a_robot_that_floats_starts_where_its_keyframe_has_it_on_the_ground_of_the_scene(
+    saved, tmp_path
+):
+    folder, _ = saved("command_delay")
+    floor = STANDING.replace("<option ", '<option cone="elliptic" impratio="10" ')
+    standing = leg_at(tmp_path / "standing" / "leg.xml", floor)
+    done = export(folder, "mjlab", model=standing.path)
+    text = (done.folder / "robot.py").read_text()
+    assert "pos=(0.0, 0.0, 0.52)" in text
+    assert "joint_pos={'hip': 0.1, 'knee': 0.2}" in text
+    assert "cone='elliptic'" in text
+    assert "impratio=10.0" in text
+    assert "mjGEOM_PLANE" in text  # is taken out there
+    assert any("ground of model.xml is left out" in note for note in done.notes)
+    assert "DELAYS = {'hip': 0.0" in text
+    done = export(folder, "isaaclab", model=standing.path)
+    text = (done.folder / "actuators.py").read_text()
+    assert "'joint_pos': {'hip': 0.1, 'knee': 0.2}" in text
+    assert "convert_mjcf.py model.xml robot.usd --import-sites\n" in text
+    model = mujoco.MjModel.from_xml_path(str(done.folder / "model.xml"))
+    assert not (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).any()
+    done = export(folder, "isaaclab", out=tmp_path / "hung")
+    assert "--import-sites --fix-base" in (done.folder / "actuators.py").read_text()
+
+
+BOXES = {  # what of the leg is a box, and what MJX makes of it
+    "box": '<geom name="box" type="box" size="0.1 0.1 0.1" pos="1 0 0" mass="0.1"/>',
+    "unnamed": '<geom name="box" type="box" size="0.1 0.1 0.1" pos="1 0 0" mass="0.1"/>',
+    "pair": '<geom name="box" type="box" size="0.1 0.1 0.1" contype="0" conaffinity="0"/>',
+}
+
+
+@pytest.mark.parametrize("how", BOXES)
+def test_mjx_gets_no_contacts_that_it_would_not_load(tmp_path, how):
+    text = LEG.replace('<geom name="foot" type="capsule"', '<geom name="foot" type="cylinder"')
+    body = '<body name="other" pos="1 0 0"><joint name="slide" type="slide"/>'
+    body = f"{body}{BOXES[how]}<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/></body>"
+    if how == "unnamed":
+        body = body.replace(' name="other"', "")
+    text = text.replace("</worldbody>", f"{body}</worldbody>")
+    if how == "pair":
+        contact = '<contact><pair geom1="box" geom2="foot"/></contact>'
+        text = text.replace("<actuator>", f"{contact}<actuator>")
+    robot = leg_at(tmp_path / "own" / "leg.xml", text)
+    diagnosed(tmp_path / "result", robot, "armature", ("knee",))
+    if how != "box":
+        wanted = r"<pair> of geoms 'foot' and 'box'" if how == "pair" else "body without a name"
+        with pytest.raises(InputError, match=wanted):
+            export(tmp_path / "result", "mjx")
+        return
+    done = export(tmp_path / "result", "mjx")
+    assert "contacts of 'shank and other': MJX has none" in done.lost[0]
+    model = load_robot(done.folder / "model.xml").model
+    shank, other = (model.body(name).id for name in ("shank", "other"))
+    assert (shank << 16) + other in model.exclude_signature
+    assert not export(tmp_path / "result", "warp").lost
+
+
+def test_the_memory_of_delayed_actuators_is_told(saved):
+    folder, _ = saved("command_delay")
+    assert any("init_ctrl_history" in note for note in export(folder, "warp").notes)
+    assert not any("init_ctrl_history" in note for note in export(folder, "mjx").notes)
 
 
 def test_the_mount_is_not_exported_with_a_robot_that_floats(saved, tmp_path):
