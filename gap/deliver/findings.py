@@ -67,6 +67,11 @@ def read_findings(folder: Path, *, given: Robot | None = None) -> Findings:
     Raises:
         InputError: it is none.
     """
+    if folder.is_file():
+        raise InputError(
+            f"{folder}: is a file. Name the folder that `walkerkit diagnose --out` has written; it "
+            "comes before the model."
+        )
     try:
         content = json.loads((folder / DIAGNOSIS).read_text(encoding="utf-8"))
         beside = json.loads((folder / FILE).read_text(encoding="utf-8"))

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.errors import closest, refusal
+from walkerkit.gap.errors import closest, refusal, some
 from walkerkit.gap.own_robot.excite_readme import HUNG, Limits, readme
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.tasks.excitation import BATTERY
@@ -86,7 +86,7 @@ def targets_for(
     check_numbers(seconds=seconds, rate=rate, share=share, speed=speed)
     chosen = _chosen(robot, joints)
     lower, upper = _room(robot, chosen)
-    notes: list[str] = []
+    notes = _before(robot, chosen)
     met = ""
     time = np.arange(0.0, seconds, 1 / rate)
     for attempt in range(_TRIES):
@@ -134,6 +134,23 @@ def targets_for(
         robot.source, purposes, limits, HUNG, length=f"{seconds:g} s", rate=rate, notes=notes
     )
     return Battery(files=files, readme=text, notes=tuple(notes))
+
+
+def _before(robot: Robot, chosen: Sequence[Joint]) -> list[str]:
+    """What the model lacks to be compared with a log of these targets."""
+    notes = []
+    if robot.base is not None:
+        notes.append(
+            f"{robot.base.body} floats in this model: hang it with `walkerkit hang` before it is "
+            "compared with a log of the robot hung up, or make targets for its feet with --standing"
+        )
+    motors = [joint.name for joint in chosen if {d.kind for d in joint.commanded} == {"effort"}]
+    if motors:
+        notes.append(
+            f"{some(motors)} have torque motors in this model: make servos of them with `walkerkit "
+            "servo` before it is compared with a log of position targets"
+        )
+    return notes
 
 
 def check_numbers(*, seconds: float, rate: float, share: float, speed: float) -> None:

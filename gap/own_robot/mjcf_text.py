@@ -209,7 +209,7 @@ class MjcfText:
         if reads and path.parent.resolve() != self.path.parent.resolve():
             raise refusal(
                 f"{path}: the model reads {reads[0].attributes.get('file', 'files')!r} beside "
-                f"{self.path}. Give --out a name in the folder {self.path.parent}."
+                f"{self.path}. Give --out a name in the folder '{self.path.parent.resolve()}'."
             )
 
     def _included(self, element: Element) -> Path | None:

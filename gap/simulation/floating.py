@@ -177,8 +177,8 @@ def suited(robot: Robot, recording: Recording) -> Recording:
             f"{robot.source}, and the recording lacks {lacking[0]!r}"
             + (f" and {len(lacking) - 1} more columns of its pose" if lacking[1:] else "")
             + (f"; {some[0]!r} alone does not tell how it moves" if some else "")
-            + f". Log where the base is; or {WHAT_TO_LOG}; or hang the robot up for the recording "
-            "and remove the free joint."
+            + f". Log where the base is; or {WHAT_TO_LOG}; or hang the robot up for the recording, "
+            "and the model with `walkerkit hang`."
         )
     known = {name for foot in find_feet(robot.model, robot.base) for name in foot.names}
     strangers = [foot for foot in feet if foot not in known]

@@ -48,7 +48,7 @@ def check_taken(robot: Robot, recording: Recording, source: str, found: Sequence
             raise InputError(
                 f"{source}: joint {name!r} has an actuator for {drives[0].kind} "
                 f"in {robot.source}, but the recording has no {wanted}. Log that target, or give "
-                "the joint the actuator that its drive really has."
+                f"the joint the actuator that its drive really has{_servo(joint, logged)}."
                 f"{_native_twin(joint, logged)}"
             )
     for mover in robot.movers:
@@ -186,6 +186,13 @@ def _native_twin(joint: Joint, targets: Sequence[TargetKind]) -> str:
         " An actuator whose law runs in Python, as IdealPdActuatorCfg, leaves a bare motor in the "
         "MJCF: give as the model a `package.module:callable` that returns the walker itself."
     )
+
+
+def _servo(joint: Joint, logged: Sequence[str]) -> str:
+    """The command that makes servos of motors, where targets of positions were logged."""
+    if joint.in_python or "position" not in logged or joint.commanded[0].kind != "effort":
+        return ""
+    return " (`walkerkit servo` makes servos of a model's motors)"
 
 
 def _add_actuator(robot: Robot, joint: str, kind: TargetKind) -> str:

@@ -294,7 +294,7 @@ BAD_MODELS: dict[str, tuple[str | None, tuple[str, ...]]] = {
         SERVO.replace("<joint name=", '<freejoint/><geom size="1"/><body><joint name=').replace(
             "</body>", "</body></body>", 1
         ),
-        ("a.csv", "floats", "'base/position_x'", "remove the free joint"),
+        ("a.csv", "floats", "'base/position_x'", "`walkerkit hang`"),
     ),
     "other joint": (SERVO.replace("knee", "elbow"), ("a.csv", "'knee'", "elbow")),
     "motor": (

@@ -52,14 +52,28 @@ def test_targets_stay_within_limits_and_their_speed(tmp_path: Path) -> None:
         assert word in battery.readme
 
 
+def test_a_model_that_could_not_be_compared_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        ARM.format(second=0, third=0).replace("<body><joint", "<body><freejoint/><joint")
+    )
+    path.write_text(path.read_text().replace('qpos="', 'qpos="0 0 1 1 0 0 0 '))
+    floats, motors = targets_for(load_robot(path), seconds=2, rate=100).notes[:2]
+    assert "`walkerkit hang`" in floats
+    assert motors.startswith("'second', 'third' have torque motors")
+    servos = path.read_text().replace("<motor", '<position kp="9"').replace("<freejoint/>", "")
+    path.write_text(servos.replace("0 0 1 1 0 0 0 ", ""))
+    assert not any("walkerkit" in note for note in targets_for(load_robot(path), seconds=2).notes)
+
+
 def test_links_do_not_meet_on_the_way(tmp_path: Path) -> None:
     """At home the last link is beside the first, so that the whole room would drive it in there."""
     path = tmp_path / "arm.xml"
     path.write_text(ARM.format(second=2.3, third=1.3))
     robot = load_robot(path)
     battery = targets_for(robot, seconds=4, rate=100)
-    assert any("of their room, so that links do not meet" in note for note in battery.notes)
-    assert battery.notes[0].split(",")[0].replace("targets", "Targets") in battery.readme
+    (shrunk,) = (n for n in battery.notes if "of their room, so that links do not meet" in n)
+    assert shrunk.split(",")[0].replace("targets", "Targets") in battery.readme
     data = mujoco.MjData(robot.model)
     for columns in battery.files.values():
         poses = np.stack([columns[f"{j}/position_target"] for j in robot.joints], axis=1)

@@ -722,7 +722,7 @@ class TestCommands:
                 '<motor joint="hip"/>',
                 "arm.xml",
                 "position",
-                r"its drive really has\. An actuator whose law runs in Python, .* bare motor",
+                r"`walkerkit servo` .*\. An actuator whose law runs in Python, .* bare motor",
             ),
         ],
     )
