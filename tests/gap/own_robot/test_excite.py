@@ -53,16 +53,15 @@ def test_targets_stay_within_limits_and_their_speed(tmp_path: Path) -> None:
 
 
 def test_a_model_that_could_not_be_compared_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "arm.xml"
-    path.write_text(
-        ARM.format(second=0, third=0).replace("<body><joint", "<body><freejoint/><joint")
-    )
-    path.write_text(path.read_text().replace('qpos="', 'qpos="0 0 1 1 0 0 0 '))
+    path, arm = tmp_path / "arm.xml", ARM.format(second=0, third=0)
+    first = '<body><joint name="first"'
+    floating = arm.replace(first, f'<body><freejoint/><geom size="0.1" contype="0"/>{first}')
+    floating = floating.replace("</worldbody>", "</body></worldbody>")
+    path.write_text(floating.replace('qpos="', 'qpos="0 0 1 1 0 0 0 '))
     floats, motors = targets_for(load_robot(path), seconds=2, rate=100).notes[:2]
     assert "`walkerkit hang`" in floats
     assert motors.startswith("'second', 'third' have torque motors")
-    servos = path.read_text().replace("<motor", '<position kp="9"').replace("<freejoint/>", "")
-    path.write_text(servos.replace("0 0 1 1 0 0 0 ", ""))
+    path.write_text(arm.replace("<motor", '<position kp="9"'))
     assert not any("walkerkit" in note for note in targets_for(load_robot(path), seconds=2).notes)
 
 
