@@ -56,7 +56,8 @@ class CoulombFriction(JointEffect):
     equation = "τ = −Fc sgn q̇, Fc: frictionloss [N·m]"
     symptom = "jump at velocity reversal"
     added_as = (
-        "joint frictionloss, with solreffriction and solimpfriction stiff enough not to creep"
+        "joint frictionloss, and where there was none solreffriction and solimpfriction stiff "
+        "enough not to creep"
     )
     source = "MuJoCo XML reference, joint/frictionloss"
     fields = MappingProxyType({"frictionloss": fields.joint("frictionloss", "dof_frictionloss")})

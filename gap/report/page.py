@@ -125,7 +125,7 @@ def _drawn(diagnosis: Diagnosis, traces: Sequence[Trace], found: Fitted) -> dict
         limit = f"{MOST / 1e6:g} MB"
         room = (
             f"{wording.listed(said)}, so that this page has no more than {limit}; "
-            "`--traces FILE` writes every sample."
+            "--traces FILE writes every sample."
         )
     return {"data": found.data, "room": room[:1].upper() + room[1:]}
 

@@ -124,7 +124,10 @@ def interval(of: Estimate) -> str:
     if of.at_bound or not of.std:
         return ""
     half = _NORMAL_95 * of.std
-    return " to ".join(span((of.value - half, of.value + half), of.unit, _INTERVAL_DIGITS))
+    ends = of.value - half, of.value + half
+    largest = max(map(abs, ends))
+    digits = max(_INTERVAL_DIGITS, 1 + math.ceil(math.log10(largest / half))) if half else 1
+    return " to ".join(span(ends, of.unit, digits))
 
 
 def warnings(diagnosis: Diagnosis) -> tuple[str, ...]:
