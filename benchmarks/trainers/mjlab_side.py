@@ -22,8 +22,11 @@ def played(module, targets):
     simulation = Simulation(num_envs=1, cfg=module.SIMULATION, model=model, device="cpu")
     scene.initialize(simulation.mj_model, simulation.model, simulation.data)
     robot, found = scene["robot"], []
+    driven = [name for cfg in module.ROBOT.articulation.actuators for name in cfg.target_names_expr]
+    joints, _ = robot.find_joints(driven)  # in the model's order
     for target in targets:
-        robot.set_joint_position_target(torch.as_tensor(target, dtype=torch.float32)[None])
+        sent = torch.as_tensor(target, dtype=torch.float32)[None]
+        robot.set_joint_position_target(sent, joint_ids=joints)
         scene.write_data_to_sim()
         simulation.step()
         scene.update(model.opt.timestep)
