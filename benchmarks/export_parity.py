@@ -38,7 +38,7 @@ def run(*, quick: bool) -> list[Row]:
     """The largest difference of a joint's position, per trainer."""
     names = QUICK if quick else tuple(CATALOGUE)
     with tempfile.TemporaryDirectory() as made:
-        folders, wanted, in_steps = {}, {}, {}
+        folders, wanted, in_mjlab = {}, {}, {}
         for name in names:
             robot = leg_with(name, Path(made) / name / "own" / "leg.xml")
             mended = diagnosed(Path(made) / name / "result", robot, name)
@@ -50,7 +50,9 @@ def run(*, quick: bool) -> list[Row]:
                 folders[name, trainer] = renamed
             wanted[name] = _reference(mended, targets)
             if mended.model.actuator_delay.any() and not mended.laws:
-                in_steps[name] = _reference(_in_whole_steps(mended), targets)
+                in_mjlab[name] = _reference(_in_whole_steps(mended), targets)
+            elif way(name, "mjlab").kind == "config" and mended.laws:
+                in_mjlab[name] = _with_laws(mended, mended.laws, targets, explicit=True)
         rows = [_compared("mjx", MJX, names, folders, wanted)]
         plain = tuple(n for n in names if not (folders[n, "warp"] / "drivetrain.py").exists())
         rows.append(_compared("warp", WARP, plain, folders, wanted))
@@ -67,7 +69,7 @@ def run(*, quick: bool) -> list[Row]:
         )
         plain = tuple(n for n in names if (folders[n, "mjlab"] / "mjlab.npy").exists())
         rows.append(
-            _errors("mjlab", plain, folders, {n: in_steps.get(n, wanted[n]) for n in plain})
+            _errors("mjlab", plain, folders, {n: in_mjlab.get(n, wanted[n]) for n in plain})
         )
     return rows
 
@@ -143,7 +145,10 @@ def _in_whole_steps(mended: Robot) -> Robot:
     return replace(mended, model=model)
 
 
-def _with_laws(mended: Robot, laws: Any, targets: FloatArray) -> FloatArray:
+def _with_laws(
+    mended: Robot, laws: Any, targets: FloatArray, *, explicit: bool = False
+) -> FloatArray:
+    """(n_steps, nq) positions by MuJoCo and the exported laws; servos may damp explicitly."""
     import torch
 
     torch.set_num_threads(1)
@@ -152,6 +157,8 @@ def _with_laws(mended: Robot, laws: Any, targets: FloatArray) -> FloatArray:
     exec(compile(text, "drivetrain.py", "exec"), made)
     model = mended.spec.copy().compile()
     model.actuator_delay[:] = 0.0
+    if explicit:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
     data, state, found = mujoco.MjData(model), made["start"](), []
     for target in targets:
         seen = (target, data.qpos[made["QPOS"]], data.qvel[made["DOFS"]])
@@ -161,6 +168,11 @@ def _with_laws(mended: Robot, laws: Any, targets: FloatArray) -> FloatArray:
         )
         data.ctrl[made["ACTUATORS"]] = ctrl.numpy()
         data.qfrc_applied[made["DOFS"]] = applied.numpy()
+        if explicit:
+            servo = made["GAIN"] * ctrl + made["BIAS"][0]
+            servo += made["BIAS"][1] * torch.as_tensor(seen[1])
+            servo += made["BIAS"][2] * torch.as_tensor(seen[2])
+            data.qfrc_applied[made["DOFS"]] += made["clipped"](servo, *made["EFFORT_RANGE"]).numpy()
         model.dof_frictionloss[made["DOFS"]] = dry.numpy()
         mujoco.mj_step(model, data)
         found.append(data.qpos.copy())

@@ -15,6 +15,7 @@ from walkerkit.actuators.drivetrain import CommandDelay, TorqueSpeedLimit
 from walkerkit.gap.deliver.law_code import driven
 from walkerkit.gap.deliver.mjlab import (
     at,
+    braking,
     delays,
     laid_out,
     lost_in_steps,
@@ -79,6 +80,7 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
         if limit is not None:
             kind = "DCMotorCfg"
             fields |= rest.pop(TorqueSpeedLimit.name)
+            fields["effort_limit"] = braking(fields)
             if delay is not None:
                 notes.append(
                     f"no config has both a torque–speed limit and a delay: that of {joint}, "

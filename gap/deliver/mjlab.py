@@ -112,6 +112,7 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
                 "effort_limit": at(gains["LIMIT"], number),
                 **limit,
             }
+            fields["effort_limit"] = braking(fields)
         elif own and (beside or limit is not None):
             left[joint], fields = own, {}
         if kind == "XmlActuatorCfg":  # which tells by itself only what plain elements take
@@ -135,11 +136,24 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
     notes += lost_in_steps(rounded)
     if on_ground:
         notes.append("the ground of model.xml is left out: mjlab's scene has its own.")
+    if replaced:
+        notes.append(
+            f"the damping of {', '.join(replaced)} is explicit in mjlab's DcMotorActuatorCfg and "
+            "implicit in model.xml, so that fast motions differ by what the timestep makes of that."
+        )
     if left:
         notes.append(
             f"laws of {', '.join(left)} are in drivetrain.py, to be called before each step."
         )
     return text, left, tuple(notes)
+
+
+def braking(fields: Mapping[str, Any]) -> float:
+    """The limit of a DC motor's effort: faster than its speed without load, it only brakes.
+
+    Both trainers let the line go on down to the limit there, walkerkit's law to the stall torque.
+    """
+    return float(min(fields["effort_limit"], fields["saturation_effort"]))
 
 
 def delays(laws: Laws) -> dict[str, float]:
