@@ -22,6 +22,7 @@ from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.compare import Member, Table
+from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
 from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.ground import ground
@@ -174,8 +175,9 @@ def name_effects(
     with contextlib.suppress(EnoughError):
         search.rare([effect for effect in effects if not effect.ordinary], begun.plain)
     book.fit_what_is_in_the_running(lambda member: only_needed(problem, member))
-    problem.fit.refine(book.best.fit)
-    found = _explanation(problem, book, book.best.fit, searched=True)
+    final = _by_usual_names(problem, book.best.fit)
+    problem.fit.refine(final)
+    found = _explanation(problem, book, final, searched=True)
     return replace(found, untried=tuple(effort.untried))
 
 
@@ -399,17 +401,44 @@ def _unknown(problem: Problem, final: Fit) -> float | None:
     return unknown_weight(problem, [mend(trial) for trial in trials])
 
 
-def _named(problem: Problem, table: Table, term: Term, final: Fit) -> Named:
-    name, sites = term.effect.name, set(term.sites)
-    present = {other.effect.name for other in final.structure.terms}
-    signals = {
-        channel.signal
-        for channel in problem.channels
-        if term.effect.kind != "joint" or channel.joint in sites
-    }
+def _by_usual_names(problem: Problem, final: Fit) -> Fit:
+    """The fit with what no channel tells from something more usual told as that.
+
+    What little the recordings have against it is of the simulation, not of the robot.
+    """
+    usual = tuple(CATALOGUE)
+    for term in final.structure.terms:
+        for name in _equivalent(problem, term, final) if term.effect.ordinary else ():
+            other = next(iter(problem.terms([CATALOGUE[name]])), None)
+            if (
+                other is None
+                or not other.effect.ordinary
+                or usual.index(name) > usual.index(term.effect.name)
+                or not {*term.sites} <= {*other.sites}
+            ):
+                continue
+            there = [one for one in final.structure.terms if one.effect.name == name]
+            sites = {*term.sites, *(site for one in there for site in one.sites)}
+            structure = final.structure.without_term(term)
+            for one in there:
+                structure = structure.without_term(one)
+            wanted = replace(other, sites=tuple(site for site in other.sites if site in sites))
+            (told,) = _refitted(problem, final, [structure.with_term(wanted)])
+            if told.score < final.score + LEAST_GAIN:
+                return _by_usual_names(problem, told)
+    return final
+
+
+def _equivalent(problem: Problem, term: Term, final: Fit) -> dict[str, str]:
+    """What no recording of these channels tells from a term of a fit, with the reason."""
+    sites = {*term.sites}
     known = equivalences(
-        name,
-        signals,
+        term.effect.name,
+        {
+            channel.signal
+            for channel in problem.channels
+            if term.effect.kind != "joint" or channel.joint in sites
+        },
         robot=problem.robots[0],
         joints=() if term.effect.kind == "body" else term.places,
         beside={
@@ -418,7 +447,13 @@ def _named(problem: Problem, table: Table, term: Term, final: Fit) -> Named:
             if other is not term and (other.shared or sites <= {*other.sites})
         },
     )
-    equivalent = {k: why for k, why in known.items() if k in CATALOGUE and k not in present}
+    return {name: why for name, why in known.items() if name in CATALOGUE}
+
+
+def _named(problem: Problem, table: Table, term: Term, final: Fit) -> Named:
+    name, present = term.effect.name, {other.effect.name for other in final.structure.terms}
+    known = _equivalent(problem, term, final)
+    equivalent = {other: why for other, why in known.items() if other not in present}
     return Named(
         term=term,
         confidence=table.confidence({name, *equivalent}) if term.effect.fitted else 1.0,
