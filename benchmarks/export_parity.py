@@ -164,8 +164,11 @@ def _with_laws(
     for target in targets:
         seen = (target, data.qpos[made["QPOS"]], data.qvel[made["DOFS"]])
         held = data.qfrc_constraint[made["DOFS"]]
+        play, play_speed = np.zeros_like(target), np.zeros_like(target)
+        for column, qpos, dof in made["PLAYS"]:
+            play[column], play_speed[column] = data.qpos[qpos], data.qvel[dof]
         state, ctrl, applied, dry = made["before_step"](
-            state, *(torch.as_tensor(np.array(one)) for one in (*seen, held))
+            state, *(torch.as_tensor(np.array(one)) for one in (*seen, held, play, play_speed))
         )
         data.ctrl[made["ACTUATORS"]] = ctrl.numpy()
         data.qfrc_applied[made["DOFS"]] = applied.numpy()

@@ -225,6 +225,7 @@ def law_code(
         f"ACTUATORS = {[int(robot.joints[j].drives[0].ctrl) for j in found.joints]!r}",
         f"QPOS = {[robot.joints[j].qpos for j in found.joints]!r}",
         f"DOFS = {[robot.joints[j].dof for j in found.joints]!r}",
+        f"PLAYS = {_plays(robot, found)!r}  # column, and what gives way behind it: qpos, dof",
         f"DT = {float(robot.model.opt.timestep)!r}",
         *(f"{name} = {_written(value)}" for name, value in numbers.items()),
         "LAWS = [",
@@ -244,6 +245,14 @@ def law_code(
     parts = [head + _HEADS[arrays], _asset("runtime.py.txt"), *bodies, "\n".join(lines) + "\n"]
     parts += [_asset("main.py.txt"), *([_asset("mjx.py.txt")] if arrays == "jax" else [])]
     return "\n\n".join(parts)
+
+
+def _plays(robot: Robot, found: Driven) -> list[tuple[int, int, int]]:
+    """Columns of the joints whose play a law reads, with its address in qpos and its dof."""
+    if not any(LAWS[name].reads_play for name in found.laws):
+        return []
+    plays = [(column, robot.joints[name].play) for column, name in enumerate(found.joints)]
+    return [(column, play.qpos, play.dof) for column, play in plays if play is not None]
 
 
 def _slopes(robot: Robot, found: Driven) -> dict[str, object]:
