@@ -115,8 +115,13 @@ def _better_read(
 
 
 def _beside_all_that_is_ordinary(problem: Problem, known: Fit) -> Fit:
-    """What is known and all that every model has a little wrong, to be fitted."""
+    """What is known and all that every model has a little wrong, to be fitted.
+
+    On feet each number takes simulations of its own: beside what was needed of all that, only what
+    joints share (a delay) comes in.
+    """
     present = {term.effect.name for term in known.structure.terms}
     ordinary = [e for e in CATALOGUE.values() if e.ordinary and e.name not in present]
     effects, _ = buildable(ordinary, problem.robots, problem.joints)
-    return extended(known, problem.terms(effects))
+    terms = problem.terms(effects)
+    return extended(known, [term for term in terms if term.shared or not problem.on_feet])
