@@ -173,10 +173,10 @@ def _with_laws(
         data.ctrl[made["ACTUATORS"]] = ctrl.numpy()
         data.qfrc_applied[made["DOFS"]] = applied.numpy()
         if explicit:
-            servo = made["GAIN"] * ctrl + made["BIAS"][0]
-            servo += made["BIAS"][1] * torch.as_tensor(seen[1])
-            servo += made["BIAS"][2] * torch.as_tensor(seen[2])
-            data.qfrc_applied[made["DOFS"]] += made["clipped"](servo, *made["EFFORT_RANGE"]).numpy()
+            robot = made["ROBOT"]
+            servo = made["asked"](robot, ctrl, *(torch.as_tensor(one) for one in seen[1:]))
+            servo = made["clipped"](servo, *robot["effort_range"])
+            data.qfrc_applied[made["DOFS"]] += servo.numpy()
         model.dof_frictionloss[made["DOFS"]] = dry.numpy()
         mujoco.mj_step(model, data)
         found.append(data.qpos.copy())

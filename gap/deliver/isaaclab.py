@@ -67,9 +67,9 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
         own, dof = dict(laws.get(joint, {})), robot.joints[joint].dof
         dry = float(model.dof_frictionloss[dof])
         fields: dict[str, Any] = {
-            "stiffness": at(numbers["STIFFNESS"], number),
-            "damping": at(numbers["DAMPING"], number),
-            "effort_limit": at(numbers["LIMIT"], number),
+            "stiffness": at(numbers["stiffness"], number),
+            "damping": at(numbers["damping"], number),
+            "effort_limit": at(numbers["limit"], number),
             "armature": float(model.dof_armature[dof]),
             "friction": dry,
             "dynamic_friction": dry,

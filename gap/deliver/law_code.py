@@ -28,6 +28,7 @@ from walkerkit.gap.simulation.robot import Robot
 Arrays = Literal["jax", "torch"]
 FloatArray = NDArray[np.float64]
 
+_ROOM = 2  # times as long a delay as was found can be drawn
 _HEADS = {
     "jax": """import jax.numpy as xp
 from mujoco import mjx
@@ -48,7 +49,7 @@ def as_index(whole):
 
 
 def take(history, age):
-    return xp.take_along_axis(history, age, axis=-1)
+    return xp.take_along_axis(history, xp.minimum(age, history.shape[-1] - 1), axis=-1)
 """,
     "torch": '''import torch
 
@@ -70,7 +71,7 @@ def as_index(whole):
 
 
 def take(history, age):
-    return torch.take_along_dim(history, age, dim=-1)
+    return torch.take_along_dim(history, age.clamp(max=history.shape[-1] - 1), dim=-1)
 
 
 class xp:
@@ -167,7 +168,8 @@ def driven(robot: Robot, laws: Mapping[str, Mapping[str, Mapping[str, float]]]) 
             for parameter in law.parameter_names()
         }
         prepared[name] = law.prepared(given, dt)
-        memory[name] = dict.fromkeys(law.state, law.depth(given, dt) if law.state else None)
+        depth = law.depth(given, dt) if law.state else None
+        memory[name] = dict.fromkeys(law.state, depth if depth is None else _ROOM * depth)
     return Driven(joints=joints, numbers=_numbers(robot, joints), laws=prepared, memory=memory)
 
 
@@ -186,16 +188,16 @@ def _numbers(robot: Robot, joints: tuple[str, ...]) -> dict[str, object]:
     ctrl[model.actuator_ctrllimited[ids] == 0] = [-np.inf, np.inf]
     position = np.array([drive.kind == "position" for drive in drives])
     return {
-        "STIFFNESS": np.where(position, -bias[:, 1], 0.0),
-        "DAMPING": -bias[:, 2],
-        "LIMIT": effort[:, 1],
-        "DRY": model.dof_frictionloss[[robot.joints[name].dof for name in joints]],
-        "SLOPE": np.array([drive.slope for drive in drives]),
-        "OFFSET": np.array([drive.offset for drive in drives]),
-        "GAIN": model.actuator_gainprm[ids, 0] * gear,
-        "BIAS": (bias[:, 0], bias[:, 1], bias[:, 2]),
-        "CTRL_RANGE": (ctrl[:, 0], ctrl[:, 1]),
-        "EFFORT_RANGE": (effort[:, 0], effort[:, 1]),
+        "stiffness": np.where(position, -bias[:, 1], 0.0),
+        "damping": -bias[:, 2],
+        "limit": effort[:, 1],
+        "dry": model.dof_frictionloss[[robot.joints[name].dof for name in joints]],
+        "slope": np.array([drive.slope for drive in drives]),
+        "offset": np.array([drive.offset for drive in drives]),
+        "gain": model.actuator_gainprm[ids, 0] * gear,
+        "bias": (bias[:, 0], bias[:, 1], bias[:, 2]),
+        "ctrl_range": (ctrl[:, 0], ctrl[:, 1]),
+        "effort_range": (effort[:, 0], effort[:, 1]),
     }
 
 
@@ -215,7 +217,7 @@ def law_code(
         use: a comment on how it is used, lines without their signs.
     """
     found = driven(robot, laws)
-    numbers = {**found.numbers, **(_slopes(robot, found) if arrays == "jax" else {})}
+    more = _of_the_model(robot, found) if arrays == "jax" else {}
     chosen = [LAWS[name] for name in found.laws]
     constants: dict[str, float] = {}
     bodies = [_function(law, constants) for law in chosen]
@@ -223,11 +225,15 @@ def law_code(
     lines += [
         f"JOINTS = {found.joints!r}",
         f"ACTUATORS = {[int(robot.joints[j].drives[0].ctrl) for j in found.joints]!r}",
+        f"IDS = {[robot.joints[j].drives[0].actuator for j in found.joints]!r}  # of actuators",
         f"QPOS = {[robot.joints[j].qpos for j in found.joints]!r}",
         f"DOFS = {[robot.joints[j].dof for j in found.joints]!r}",
         f"PLAYS = {_plays(robot, found)!r}  # column, and what gives way behind it: qpos, dof",
         f"DT = {float(robot.model.opt.timestep)!r}",
-        *(f"{name} = {_written(value)}" for name, value in numbers.items()),
+        "ROBOT = {",
+        *(f"    {name!r}: {_written(value)}," for name, value in found.numbers.items()),
+        "}",
+        *(f"{name} = {_written(value)}" for name, value in more.items()),
         "LAWS = [",
         *(
             f"    ({law.name!r}, {law.name}, {law.stage!r}, {dict(found.memory[law.name])!r}),"
@@ -255,11 +261,18 @@ def _plays(robot: Robot, found: Driven) -> list[tuple[int, int, int]]:
     return [(column, play.qpos, play.dof) for column, play in plays if play is not None]
 
 
-def _slopes(robot: Robot, found: Driven) -> dict[str, object]:
-    """What MuJoCo's implicit integrators know of the joints, and MJX's do not."""
+def _of_the_model(robot: Robot, found: Driven) -> dict[str, object]:
+    """How MJX's model has the joints' numbers, and what its implicit steps do not know of them."""
+    drives = [robot.joints[name].drives[0] for name in found.joints]
+    ids = [drive.actuator for drive in drives]
     drag = found.laws.get(QuadraticDrag.name, {}).get("drag", np.zeros(len(found.joints)))
     fast = robot.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    return {"DRAG": drag, "IMPLICIT_SERVOS": float(fast)}
+    return {
+        "AFFINE": (robot.model.actuator_biastype[ids] != 0).astype(float),
+        "SERVOS": np.array([float(drive.kind == "position") for drive in drives]),
+        "DRAG": drag,
+        "IMPLICIT_SERVOS": float(fast),
+    }
 
 
 def _asset(name: str) -> str:

@@ -107,9 +107,9 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
             kind, replaced = "DcMotorActuatorCfg", [*replaced, joint]
             gains = found.numbers
             fields |= {
-                "stiffness": at(gains["STIFFNESS"], number),
-                "damping": at(gains["DAMPING"], number),
-                "effort_limit": at(gains["LIMIT"], number),
+                "stiffness": at(gains["stiffness"], number),
+                "damping": at(gains["damping"], number),
+                "effort_limit": at(gains["limit"], number),
                 **limit,
             }
             fields["effort_limit"] = braking(fields)
