@@ -419,6 +419,10 @@ def export(
             "diagnosed one."
         ),
     ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(help="Export only this effect, with --model. May be repeated."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder to write; by default DIR/ and the trainer's name.")
     ] = None,
@@ -431,7 +435,13 @@ def export(
     from walkerkit.gap.deliver import export as export_to
 
     done = export_to(
-        folder, to, model=model, out=out, overwrite=overwrite, allow_outside=allow_outside
+        folder,
+        to,
+        model=model,
+        effects=effect or (),
+        out=out,
+        overwrite=overwrite,
+        allow_outside=allow_outside,
     )
     console = _console()
     lines = [f"Written: {path}" for path in done.files]

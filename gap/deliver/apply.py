@@ -17,7 +17,7 @@ from typing import Any
 
 from walkerkit.gap.deliver.findings import Findings, read_findings
 from walkerkit.gap.deliver.markup import Edit
-from walkerkit.gap.deliver.reapply import reapplied
+from walkerkit.gap.deliver.reapply import reapplied, set_for_the_recordings
 from walkerkit.gap.deliver.versions import needed
 from walkerkit.gap.deliver.written import Patched, patched, place
 from walkerkit.gap.errors import InputError, one_line, some
@@ -81,6 +81,8 @@ def apply(
     found, model, out = read_findings(Path(folder)), Path(model), Path(out)
     given = with_sidecar(load_robot(model, allow_outside=allow_outside), model)
     mended, notes = reapplied(found, given, effects)
+    if not effects:
+        notes = (*notes, *set_for_the_recordings(found))
     beside_it = out.parent.resolve() == model.parent.resolve()
     prefix = f"{out.stem}_" if beside_it and out.resolve() != model.resolve() else ""
     try:

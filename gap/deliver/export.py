@@ -8,7 +8,7 @@ export("result", "mjlab", model="go2.xml") # the same findings in the robot that
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,8 @@ from walkerkit.gap.deliver import isaaclab, mjlab
 from walkerkit.gap.deliver.findings import Findings, read_findings
 from walkerkit.gap.deliver.law_code import law_code
 from walkerkit.gap.deliver.randomization import posterior, randomization_code
-from walkerkit.gap.deliver.reapply import of_the_mount, reapplied
-from walkerkit.gap.deliver.suited import Laws, check, damps_at_its_limit, suited
+from walkerkit.gap.deliver.reapply import of_the_mount, reapplied, set_for_the_recordings
+from walkerkit.gap.deliver.suited import Laws, Suited, check, damps_at_its_limit, suited
 from walkerkit.gap.deliver.trainers import MADE, TRAINERS, Trainer, way
 from walkerkit.gap.deliver.written import write_mended
 from walkerkit.gap.errors import InputError, closest
@@ -75,6 +75,7 @@ def export(
     to: str,
     *,
     model: str | Path | None = None,
+    effects: Sequence[str] = (),
     out: str | Path | None = None,
     overwrite: bool = False,
     allow_outside: bool = False,
@@ -86,6 +87,7 @@ def export(
         to: `mjlab`, `isaaclab`, `mjx` or `warp`.
         model: an MJCF file with joints of the same names, to export with what was found; by
             default the model that was diagnosed.
+        effects: names of the effects to export, where a model is given; all by default.
         out: the folder to write; by default one of the trainer's name in that of the diagnosis.
         overwrite: whether files that are there may be replaced.
         allow_outside: that model's files may lie outside of its folder.
@@ -113,10 +115,18 @@ def export(
     given, told = found.robot, tuple[str, ...]()
     if model is not None:
         given = with_sidecar(load_robot(model, allow_outside=allow_outside), Path(model))
-        mended, told = reapplied(found, given, ())
-        found = replace(found.without(of_the_mount(found, given)), robot=mended)
+        mended, told = reapplied(found, given, effects)
+        others = {one["effect"] for one in found.effects} - {*effects} if effects else set()
+        found = found.without({*others, *of_the_mount(found, given)})
+        found = replace(found, robot=mended)
+    elif effects:
+        raise InputError(
+            f"--effect {effects[0]}: the diagnosed model has all effects in it. Give with --model "
+            "the one that was diagnosed, or another of the robot, as it was before."
+        )
+    told = (*told, *set_for_the_recordings(found))
     check(found.robot, trainer, found.folder if model is None else Path(model))
-    ranges = randomization_code(posterior(found))
+    ranges = randomization_code(posterior(found), trainer)
     target.mkdir(parents=True, exist_ok=True)
     suits = suited(found.robot, trainer)
     for path in target.glob("*"):
@@ -137,7 +147,9 @@ def export(
             if (found_way := way(effect["effect"], trainer)).kind == "cannot"
         ),
     )
-    _write(target / "export.json", json.dumps(_content(found, trainer, lost, notes), indent=2))
+    _write(
+        target / "export.json", json.dumps(_content(found, suits, trainer, lost, notes), indent=2)
+    )
     files = tuple(path for path in sorted(target.rglob("*")) if path.is_file())
     return Exported(folder=target, files=files, lost=lost, notes=notes)
 
@@ -171,11 +183,12 @@ def _write(path: Path, text: str) -> None:
 
 
 def _content(
-    found: Findings, trainer: Trainer, lost: tuple[str, ...], notes: tuple[str, ...]
+    found: Findings, suits: Suited, trainer: Trainer, lost: tuple[str, ...], notes: tuple[str, ...]
 ) -> dict[str, Any]:
     return {
         "to": trainer,
         "effects": {one["effect"]: vars(way(one["effect"], trainer)) for one in found.effects},
         "lost": list(lost),
+        "apart": [list(pair) for pair in suits.apart],
         "notes": list(notes),
     }

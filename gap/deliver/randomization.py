@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.deliver.findings import DIAGNOSIS, Findings
+from walkerkit.gap.deliver.trainers import Trainer
 from walkerkit.gap.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -127,8 +128,31 @@ def _bound(p: Mapping[str, Any], side: str, moved: float) -> float:
     return float(bound) + moved
 
 
-def randomization_code(known: Posterior) -> str:
-    """`randomization.py`: the ranges, and a function that draws."""
+_USES = {
+    "mjlab": """An attribute is randomized by its array of the simulation's model
+(joint/frictionloss: dof_frictionloss). A delay over the timestep, rounded, is a lag: widen
+delay_min_lag and delay_max_lag in robot.py, set delay_hold_prob=1.0 beside them, and call set_lags
+of the robot's actuators after each reset.""",
+    "isaaclab": """An attribute is written to the articulation (joint/damping:
+write_joint_damping_to_sim and so on). A delay over the timestep, rounded, goes between min_delay
+and max_delay of actuators.py, of which each reset draws one.""",
+    "mjx": """An attribute goes into its array of the mjx.Model (joint/frictionloss:
+model.dof_frictionloss; actuator/kp: actuator_gainprm[:, 0] and minus actuator_biasprm[:, 1]). What
+drivetrain.py has goes there, such as delays d of the joints:
+
+    mjx_step(..., parameters={**PARAMETERS, "command_delay": {"delay": d}})""",
+    "warp": """An attribute goes into its array of the mujoco_warp Model (joint/frictionloss:
+dof_frictionloss), with a row for each world.""",
+}
+
+
+def randomization_code(known: Posterior, trainer: Trainer) -> str:
+    """`randomization.py`: the ranges, and a function that draws.
+
+    Args:
+        known: what is known of the numbers.
+        trainer: whose they are to be.
+    """
     low, high = (known.mean + sign * _NORMAL_95 * known.std for sign in (-1, 1))
     low, high = np.maximum(low, known.lower), np.minimum(high, known.upper)
     lines = [
@@ -136,6 +160,8 @@ def randomization_code(known: Posterior) -> str:
         "",
         "RANGES has the 95 % interval of each number alone, in the unit of its field. Numbers that",
         "depend on each other are drawn together by draw(), not one by one from their ranges.",
+        "",
+        _USES[trainer],
         '"""',
         "",
         "import numpy as np",

@@ -74,6 +74,18 @@ def reapplied(
     return replace(mended, hold=found.robot.hold or robot.hold), tuple(dict.fromkeys(notes))
 
 
+def set_for_the_recordings(found: Findings) -> tuple[str, ...]:
+    """What of a diagnosis may be how the drives were set for the recordings, a sentence."""
+    names = [of["effect"] for of in found.effects]
+    if "effort_limit" not in names:
+        return ()
+    others = " ".join(f"--effect {name}" for name in names if name != "effort_limit")
+    return (
+        "effort_limit is no property of the robot if the drives were limited for the recordings"
+        + (f": leave it out then, with {others}." if others else "; nothing is left then."),
+    )
+
+
 def of_the_mount(found: Findings, robot: Robot) -> tuple[str, ...]:
     """Names of the effects that a robot lacks because it floats and the diagnosed one does not."""
     if robot.base is None or found.robot.base is not None:

@@ -44,11 +44,13 @@ class Suited:
         robot: without what the trainer ignores or does not load.
         laws: joint to law to its parameters, with what was taken.
         lost: what it lacks now, a line each.
+        apart: pairs of bodies that do not touch now.
     """
 
     robot: Robot
     laws: Laws
     lost: tuple[str, ...]
+    apart: tuple[tuple[str, str], ...]
 
 
 def suited(robot: Robot, trainer: Trainer) -> Suited:
@@ -84,7 +86,8 @@ def suited(robot: Robot, trainer: Trainer) -> Suited:
         shapes = some(sorted({f"{one} and {other}" for one, other in apart.values()}), 3)
         pairs = some([f"{first} and {second}" for first, second in apart], 3)
         lost = (f"contacts of {pairs}: MJX has none between {shapes}; these bodies do not touch.",)
-    return Suited(robot=replace(robot, spec=spec, model=spec.compile()), laws=laws, lost=lost)
+    without = replace(robot, spec=spec, model=spec.compile())
+    return Suited(robot=without, laws=laws, lost=lost, apart=tuple(apart))
 
 
 def check(robot: Robot, trainer: Trainer, folder: Path) -> None:

@@ -134,7 +134,8 @@ HUNG = Manner(
         "Hang the robot up, or fix its trunk, so that no foot reaches anything.",
         _ALWAYS[0],
         "Limit torque to a third and speed to a half in the drives, not in the script, and set "
-        "their position limits inside of the mechanical ones.",
+        "their position limits inside of the mechanical ones. Tell the model that hangs of that "
+        "torque (`walkerkit servo --effort`), and none that is to be trained with.",
         *_ALWAYS[1:],
         "Stop by ramping the targets back to the start pose, never by switching the gains off.",
     ),

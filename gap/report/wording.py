@@ -330,7 +330,7 @@ def separation(sigmas: float) -> str:
 
 def unknown(diagnosis: Diagnosis) -> str:
     """How probable it is that something is missing that has no name here, a sentence or ""."""
-    if diagnosis.unknown is None:
+    if diagnosis.unknown is None or diagnosis.verdict == "no_gap":
         return ""
     return (
         f"That something is missing besides, which the catalogue cannot name, is "

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.trainers.legs import LEG, diagnosed, leg_at
 from tests.gap.deliver.robots import STANDING, text_for
-from walkerkit.gap.deliver import export
+from walkerkit.gap.deliver import apply, export
 from walkerkit.gap.deliver.findings import read_findings
 from walkerkit.gap.deliver.randomization import posterior, randomization_code
 from walkerkit.gap.deliver.trainers import TRAINERS, table, way
@@ -170,6 +170,39 @@ def test_mjx_gets_no_contacts_that_it_would_not_load(tmp_path, how):
     assert not export(tmp_path / "result", "warp").lost
 
 
+def test_a_limit_that_was_set_for_the_recordings_can_stay_there(saved, tmp_path):
+    folder, _ = saved("effort_limit")
+    own = tmp_path / "own" / "leg.xml"
+    done = export(folder, "warp", model=own)
+    assert any("no property of the robot" in note for note in done.notes)
+    notes = apply(folder, own, out=tmp_path / "own" / "new.xml").notes
+    assert any("no property of the robot" in note for note in notes)
+    content = json.loads((folder / "diagnosis.json").read_text())
+    content["effects"].append(json.loads(json.dumps(content["effects"][0])))
+    content["effects"][1] |= {"effect": "armature", "parameters": []}
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    note = next(n for n in export(folder, "warp", overwrite=True).notes if "no property" in n)
+    assert "leave it out then, with --effect armature" in note
+    with pytest.raises(InputError, match=r"--effect armature: the diagnosed model has all"):
+        export(folder, "warp", effects=["armature"], out=tmp_path / "other")
+
+
+def test_one_effect_is_exported_alone(saved, tmp_path):
+    folder, _ = saved("effort_limit")
+    content = json.loads((folder / "diagnosis.json").read_text())
+    beside = diagnosed(tmp_path / "drag", leg_at(tmp_path / "own" / "leg.xml"), "armature")
+    other = json.loads((tmp_path / "drag" / "diagnosis.json").read_text())["effects"]
+    content["effects"] += other
+    content.pop("correlation", None)
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    own = leg_at(tmp_path / "own" / "leg.xml")
+    done = export(folder, "warp", model=own.path, effects=["armature"])
+    model = load_robot(done.folder / "model.xml").model
+    np.testing.assert_allclose(model.dof_armature, beside.model.dof_armature, rtol=1e-5)
+    np.testing.assert_array_equal(model.actuator_forcerange, own.model.actuator_forcerange)
+    assert "effort_limit" not in (done.folder / "randomization.py").read_text()
+
+
 def test_the_memory_of_delayed_actuators_is_told(saved):
     folder, _ = saved("command_delay")
     assert any("init_ctrl_history" in note for note in export(folder, "warp").notes)
@@ -239,7 +272,7 @@ def test_draws_are_correlated_and_within_bounds(saved, tmp_path):
     np.testing.assert_allclose(np.mean(drawn[:, 1]), second["is"], rtol=0.01)
     assert np.corrcoef(drawn.T)[0, 1] < -0.6
     made = {}
-    exec(randomization_code(known), made)
+    exec(randomization_code(known, "warp"), made)
     again = made["draw"](np.random.default_rng(0), 4000)
     np.testing.assert_allclose(again["viscous_friction", "hip", "damping"], drawn[:, 0], rtol=1e-9)
 
@@ -262,7 +295,7 @@ def test_what_is_no_estimate_is_not_drawn(saved):
     known = posterior(read_findings(folder))
     assert known.keys == ()
     assert len(known.fixed) == 2
-    exec(randomization_code(known), made := {})
+    exec(randomization_code(known, "warp"), made := {})
     assert made["draw"](np.random.default_rng(0), 3) == {}
 
 
