@@ -261,6 +261,11 @@ class _Search:
         found = proposals(
             problem, current, near, effects, self._progress, pairs=pairs, always=always
         )
+        if problem.on_feet:
+            # A look takes long there: what it has found is grown upon first.
+            while found:
+                book.add(found.pop(0), beside=current)
+            tamed = tamed and len(_rare(book.best.fit)) <= len(_rare(current))
         tame = without_the_wild(problem, current) if tamed else None
         if tame is not None:
             its = near.trusting(tame.fit.objective, current)
