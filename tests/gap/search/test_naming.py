@@ -14,8 +14,11 @@ from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
-from walkerkit.gap.search.naming import Explanation, name_effects
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.naming import Explanation, all_estimated, by_usual_names, name_effects
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.settle import settled
+from walkerkit.gap.search.structure import Fit, extended
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY
 
@@ -237,6 +240,44 @@ def test_the_usual_cause_of_two_that_are_alike_is_named(problem: Make) -> None:
     assert only.confidence > 0.9
     assert list(only.equivalent) == ["velocity_gain"]
     assert "velocity_gain" in only.exchanges
+
+
+def fitted(problem: Problem, **places: Sequence[str]) -> Fit:
+    """A fit of some effects at some joints to what is fitted."""
+    terms = [
+        replace(term, sites=tuple(places[term.effect.name]))
+        for term in problem.terms([CATALOGUE[name] for name in places])
+    ]
+    start = extended(fit_of_nothing(problem), terms)
+    return settled(problem.fit, start, passes=2)
+
+
+def fit_of_nothing(problem: Problem) -> Fit:
+    (nothing,) = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])
+    return nothing
+
+
+def test_what_no_channel_parts_is_told_by_its_usual_name(problem: Make) -> None:
+    leg = problem(hide("viscous_friction", "knee", damping=0.1), signals=Q_ONLY)
+    told = by_usual_names(leg, fitted(leg, velocity_gain=["knee"], viscous_friction=["ankle"]))
+    (term,) = told.structure.terms
+    assert (term.effect.name, term.places) == ("viscous_friction", ("knee", "ankle"))
+    knee, ankle = told.values
+    assert knee == pytest.approx(0.1, rel=0.05)
+    assert abs(ankle) < 0.01
+    # An effort parts them.
+    leg = problem(hide("viscous_friction", "knee", damping=0.1))
+    kept = fitted(leg, velocity_gain=["knee"])
+    assert by_usual_names(leg, kept) is kept
+
+
+def test_an_effect_of_which_nothing_is_known_is_not_told(problem: Make) -> None:
+    leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
+    both = fitted(leg, coulomb_friction=["knee"], torque_bias=["ankle"])
+    told = all_estimated(leg, both)
+    assert [term.effect.name for term in told.structure.terms] == ["coulomb_friction"]
+    assert told.values == pytest.approx(0.3, rel=0.05)
+    assert all_estimated(leg, told) is told
 
 
 def test_a_plainer_effect_is_named_where_a_wider_one_is_no_better(problem: Make) -> None:
