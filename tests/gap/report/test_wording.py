@@ -28,6 +28,15 @@ def test_partly_explained_names_the_rivals_and_what_remains(confused: Diagnosis)
     assert sentence.endswith("What remains stands out most at calf (velocity reversal).")
 
 
+def test_nothing_is_missing_beside_a_gap_that_is_none(leg: LegDiagnosis) -> None:
+    doubted = replace(leg(), unknown=0.86)
+    assert wording.unknown(doubted) == (
+        "That something is missing besides, which the catalogue cannot name, is 86 % probable."
+    )
+    assert wording.unknown(replace(doubted, effects=(), verdict="no_gap")) == ""
+    assert wording.unknown(replace(doubted, unknown=None)) == ""
+
+
 def test_no_gap_and_unexplained(leg: LegDiagnosis) -> None:
     bare = replace(leg(), effects=(), locations=())
     assert wording.verdict_sentence(replace(bare, verdict="no_gap")).startswith(
