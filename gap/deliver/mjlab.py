@@ -90,62 +90,80 @@ def config(robot: Robot, laws: Laws) -> tuple[str, Laws, tuple[str, ...]]:
         robot: the robot.
         laws: joint to law to its parameters.
     """
-    found, rounded = driven(robot, laws), dict[str, list[str]]()
-    dt = float(robot.model.opt.timestep)
-    groups: dict[tuple[str, tuple[tuple[str, Any], ...]], list[str]] = {}
-    left: dict[str, Mapping[str, Mapping[str, float]]] = {}
-    replaced: list[str] = []
-    for number, joint in enumerate(found.joints):
-        own = dict(laws.get(joint, {}))
-        beside = {*own} - {CommandDelay.name, TorqueSpeedLimit.name}
-        delayed = not beside
-        lag = steps(own.get(CommandDelay.name, {}).get("delay", 0.0), dt, joint, rounded)
-        fields: dict[str, Any] = {"delay_min_lag": lag, "delay_max_lag": lag} if lag else {}
-        kind = "XmlActuatorCfg"
-        limit = own.get(TorqueSpeedLimit.name)
-        if limit is not None and delayed and robot.joints[joint].drives[0].kind == "position":
-            kind, replaced = "DcMotorActuatorCfg", [*replaced, joint]
-            gains = found.numbers
-            fields |= {
-                "stiffness": at(gains["stiffness"], number),
-                "damping": at(gains["damping"], number),
-                "effort_limit": at(gains["limit"], number),
-                **limit,
-            }
-            fields["effort_limit"] = braking(fields)
-        elif own and (beside or limit is not None):
-            left[joint], fields = own, {}
-        if kind == "XmlActuatorCfg":  # which tells by itself only what plain elements take
-            fields = {"command_field": robot.joints[joint].drives[0].kind, **fields}
-        groups.setdefault((kind, tuple(fields.items())), []).append(joint)
-    lines = [
-        written(kind, "target_names_expr", names, dict(of)) for (kind, of), names in groups.items()
-    ]
+    made = _Actuators(robot, laws)
     options, notes = _options(robot.model)
     on_ground = robot.base is not None and bool(planes(robot.spec))
     text = _HEAD.format(
-        dt=dt,
-        kinds=", ".join(sorted({kind for kind, _ in groups})),
-        replaced=tuple(replaced),
+        dt=float(robot.model.opt.timestep),
+        kinds=", ".join(sorted({kind for kind, _ in made.groups})),
+        replaced=tuple(made.replaced),
         delays=laid_out(delays(laws)),
         planes=_PLANES if on_ground else "",
         start=_assigned(start(robot), 8),
-        actuators="\n".join(lines),
+        actuators=made.written(),
         options=_assigned(options, 8),
     )
-    notes += lost_in_steps(rounded)
+    notes += lost_in_steps(made.rounded)
     if on_ground:
         notes.append("the ground of model.xml is left out: mjlab's scene has its own.")
-    if replaced:
+    if made.replaced:
         notes.append(
-            f"the damping of {', '.join(replaced)} is explicit in mjlab's DcMotorActuatorCfg and "
-            "implicit in model.xml, so that fast motions differ by what the timestep makes of that."
+            f"the damping of {', '.join(made.replaced)} is explicit in mjlab's DcMotorActuatorCfg "
+            "and implicit in model.xml: fast motions differ by what the timestep makes of that."
         )
-    if left:
+    if made.left:
         notes.append(
-            f"laws of {', '.join(left)} are in drivetrain.py, to be called before each step."
+            f"laws of {', '.join(made.left)} are in drivetrain.py, to be called before each step."
         )
-    return text, left, tuple(notes)
+    return text, made.left, tuple(notes)
+
+
+class _Actuators:
+    """The configs of a robot's actuators, joints with the same one together.
+
+    Attributes:
+        groups: config and its fields, to the joints that have it.
+        left: joint to laws that no config has.
+        replaced: joints whose element in the XML a config takes the place of.
+        rounded: as `steps` has it.
+    """
+
+    def __init__(self, robot: Robot, laws: Laws):
+        self.groups: dict[tuple[str, tuple[tuple[str, Any], ...]], list[str]] = {}
+        self.left: dict[str, Mapping[str, Mapping[str, float]]] = {}
+        self.replaced: list[str] = []
+        self.rounded: dict[str, list[str]] = {}
+        found, dt = driven(robot, laws), float(robot.model.opt.timestep)
+        for number, joint in enumerate(found.joints):
+            own, drive = dict(laws.get(joint, {})), robot.joints[joint].drives[0]
+            beside = {*own} - {CommandDelay.name, TorqueSpeedLimit.name}
+            late = own.get(CommandDelay.name, {}).get("delay", 0.0)
+            lag = steps(late, dt, joint, self.rounded)
+            fields: dict[str, Any] = {"delay_min_lag": lag, "delay_max_lag": lag} if lag else {}
+            limit = own.get(TorqueSpeedLimit.name)
+            if limit is not None and not beside and drive.kind == "position":
+                kind, gains = "DcMotorActuatorCfg", found.numbers
+                fields |= {
+                    "stiffness": at(gains["stiffness"], number),
+                    "damping": at(gains["damping"], number),
+                    "effort_limit": at(gains["limit"], number),
+                    **limit,
+                }
+                fields["effort_limit"] = braking(fields)
+                self.replaced.append(joint)
+            else:
+                kind = "XmlActuatorCfg"  # which tells by itself only what plain elements take
+                if beside or limit is not None:
+                    self.left[joint], fields = own, {}
+                fields = {"command_field": drive.kind, **fields}
+            self.groups.setdefault((kind, tuple(fields.items())), []).append(joint)
+
+    def written(self) -> str:
+        """As calls, twelve spaces in."""
+        return "\n".join(
+            written(kind, "target_names_expr", names, dict(of))
+            for (kind, of), names in self.groups.items()
+        )
 
 
 def braking(fields: Mapping[str, Any]) -> float:
