@@ -83,8 +83,8 @@ def suited(robot: Robot, trainer: Trainer) -> Suited:
         spec.add_exclude(bodyname1=first, bodyname2=second)
     lost: tuple[str, ...] = ()
     if apart:
-        shapes = some(sorted({f"{one} and {other}" for one, other in apart.values()}), 3)
-        pairs = some([f"{first} and {second}" for first, second in apart], 3)
+        shapes = some(sorted({f"{one} and {other}" for one, other in apart.values()}))
+        pairs = some([f"{first} and {second}" for first, second in apart])
         lost = (f"contacts of {pairs}: MJX has none between {shapes}; these bodies do not touch.",)
     without = replace(robot, spec=spec, model=spec.compile())
     return Suited(robot=without, laws=laws, lost=lost, apart=tuple(apart))

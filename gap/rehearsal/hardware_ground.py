@@ -197,7 +197,12 @@ def _take_apart(model: mujoco.MjModel, plane: int, feet: NDArray[np.intp]) -> No
     met = _meet(model, np.arange(model.ngeom), plane)
     met[feet] = False
     used = int(np.bitwise_or.reduce(others))
-    free = next(1 << bit for bit in range(31) if not used >> bit & 1)
+    free = next((1 << bit for bit in range(31) if not used >> bit & 1), 0)
+    if not free:
+        raise InputError(
+            "the model's conaffinity uses all of its 31 bits, and the ground of a rehearsal needs "
+            "one. Clear one in the geoms that have all of them."
+        )
     kinds[plane], others[plane] = 0, free
     kinds[~met] &= ~free
     kinds[met] |= free

@@ -263,8 +263,9 @@ class _Search:
         )
         if problem.on_feet:
             # A look takes long there: what it has found is grown upon first.
-            while found:
-                book.add(found.pop(0), beside=current)
+            for one in found:
+                book.add(one, beside=current)
+            found = []
             tamed = tamed and len(_rare(book.best.fit)) <= len(_rare(current))
         tame = without_the_wild(problem, current) if tamed else None
         if tame is not None:

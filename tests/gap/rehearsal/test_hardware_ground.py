@@ -111,6 +111,13 @@ def test_feet_still_meet_all_but_the_ground():
     assert [set(pair) for pair in data.contact.geom.tolist()] == [{0, ball_id}]
 
 
+def test_a_ground_without_a_bit_of_its_own_is_refused():
+    text = PUCK.format(height=0.14, feet=FEET)
+    model = compiled(text, {'friction="0.6"': 'friction="0.6" conaffinity="2147483647"'})
+    with pytest.raises(InputError, match="uses all of its 31 bits"):
+        Soil(model, [], step=STEP, n_sims=1)
+
+
 def test_frictionless_feet_slide():
     changes = {'friction="0.6"': 'condim="1" friction="0.6"', 'friction="0.2"': 'condim="1"'}
     model = compiled(PUCK.format(height=0.14, feet=FEET), changes)
