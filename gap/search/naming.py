@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
-from walkerkit.gap.search.book import Book, known_errors
+from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.compare import Member, Table
-from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
+from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
 from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.ground import ground
@@ -175,7 +175,7 @@ def name_effects(
     with contextlib.suppress(EnoughError):
         search.rare([effect for effect in effects if not effect.ordinary], begun.plain)
     book.fit_what_is_in_the_running(lambda member: only_needed(problem, member))
-    final = all_estimated(problem, by_usual_names(problem, book.best.fit))
+    final = by_usual_names(problem, book.best.fit)
     problem.fit.refine(final)
     found = _explanation(problem, book, final, searched=True)
     return replace(found, untried=tuple(effort.untried))
@@ -433,23 +433,6 @@ def by_usual_names(problem: Problem, final: Fit) -> Fit:
             if told.score < final.score + LEAST_GAIN:
                 return by_usual_names(problem, told)
     return final
-
-
-def all_estimated(problem: Problem, final: Fit) -> Fit:
-    """The fit without effects of which no number is known.
-
-    What was known beside all that is ordinary may be less so in the fit that is told.
-    """
-    while True:
-        problem.fit.refine(final)
-        errors = known_errors(problem, final, linearised(problem.fit.objective, final))
-        columns = [(term, final.structure.columns(term)) for term in final.structure.terms]
-        known = [(term, errors[own].max()) for term, own in columns if len(own)]
-        unknown = [(term, error) for term, error in known if error < KNOWN]
-        if not unknown:
-            return final
-        least, _ = min(unknown, key=lambda one: one[1])
-        (final,) = _refitted(problem, final, [final.structure.without_term(least)])
 
 
 def _equivalent(problem: Problem, term: Term, final: Fit) -> dict[str, str]:

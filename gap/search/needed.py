@@ -50,7 +50,26 @@ def only_needed(problem: Problem, member: Member) -> Fit:
             problem.fit.refine(found)
             break
         found, slopes = fewer_needed, linearised(objective, fewer_needed)
-    return robustly(problem.fit, found, slopes, problem.noise)
+    return all_estimated(problem, robustly(problem.fit, found, slopes, problem.noise))
+
+
+def all_estimated(problem: Problem, found: Fit) -> Fit:
+    """A fit without effects of which no number is known.
+
+    What was known where wild blocks counted as the rest may be less so where they do not.
+    """
+    while True:
+        slopes = linearised(problem.fit.objective, found)
+        errors = known_errors(problem, found, slopes)
+        columns = [(term, found.structure.columns(term)) for term in found.structure.terms]
+        known = [(term, errors[own].max()) for term, own in columns if len(own)]
+        unknown = [(term, error) for term, error in known if error < KNOWN]
+        if not unknown:
+            return found
+        least, _ = min(unknown, key=lambda one: one[1])
+        fewer = found.structure.without_term(least)
+        values = carried(found.values, found.structure, fewer)
+        found = _settled(problem, found, fewer, values, slopes)
 
 
 def _not_known(

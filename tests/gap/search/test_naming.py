@@ -15,7 +15,8 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search.fit import evaluate
-from walkerkit.gap.search.naming import Explanation, all_estimated, by_usual_names, name_effects
+from walkerkit.gap.search.naming import Explanation, by_usual_names, name_effects
+from walkerkit.gap.search.needed import all_estimated
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.structure import Fit, extended
