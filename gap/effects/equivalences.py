@@ -30,11 +30,12 @@ class Equivalence:
     """Two effects that make the same log.
 
     Attributes:
-        effects: their names; with `beside`, the second is the first and that one together.
+        effects: their names.
         parted_by: signals that tell them apart where one of them is recorded.
         holds: whether they are equivalent at some joints of a robot.
         usual: they are on most robots, and count as equivalent where no robot is given.
         beside: an effect that has to be in the explanation already.
+        whole: the second effect is the first and that beside it together.
         reason: why, in a sentence.
     """
 
@@ -43,6 +44,7 @@ class Equivalence:
     holds: Condition
     usual: bool = False
     beside: str | None = None
+    whole: bool = False
     reason: str
 
 
@@ -91,7 +93,7 @@ def spelled_out(effect: str, *, beside: Collection[str] = ()) -> dict[tuple[str,
     found = {}
     for entry in _TABLE:
         part, whole = entry.effects
-        if whole == effect and entry.beside is not None:
+        if whole == effect and entry.whole and entry.beside is not None:
             first, second = sorted((part, entry.beside))
             if first not in beside and second not in beside:
                 found[first, second] = entry.reason
@@ -107,7 +109,7 @@ def wholes(effect: str) -> tuple[str, ...]:
     Returns:
         Their names; with the other's size at zero each of them is this effect.
     """
-    entries = (entry for entry in _TABLE if entry.beside is not None and entry.effects[0] == effect)
+    entries = (entry for entry in _TABLE if entry.whole and entry.effects[0] == effect)
     return tuple(dict.fromkeys(entry.effects[1] for entry in entries))
 
 
@@ -233,6 +235,22 @@ _TABLE: tuple[Equivalence, ...] = (
             "the same torque; a log of the effort shows what the drive believes it makes."
         ),
     ),
+    # (1 + α) (kp (u − q) − kd q̇) and any damping are (kp + Δkp)(u − q) and any damping.
+    *(
+        Equivalence(
+            effects=("position_gain", "torque_constant"),
+            parted_by=frozenset({"effort"}),
+            holds=_driven_to_positions,
+            usual=True,
+            beside=damping,
+            reason=(
+                "Where damping is wrong, too, a stronger motor and a higher gain make the same "
+                "torque, as long as the drive is below its limit; a log of the effort shows what "
+                "the drive believes it makes."
+            ),
+        )
+        for damping in ("velocity_gain", "viscous_friction")
+    ),
     # Gravity in the frame of the root joint's body is turned by q − q₀ instead of q, which turning
     # gravity itself about the joint's axis does too.
     Equivalence(
@@ -284,6 +302,7 @@ _TABLE: tuple[Equivalence, ...] = (
         Equivalence(
             effects=(alone, "asymmetric_friction"),
             beside=beside,
+            whole=beside is not None,
             holds=holds,
             usual=beside is not None,
             reason=(
@@ -303,6 +322,7 @@ _TABLE: tuple[Equivalence, ...] = (
         Equivalence(
             effects=(alone, "directional_efficiency"),
             beside=beside,
+            whole=True,
             holds=lambda robot, joints: True,
             usual=True,
             reason=(

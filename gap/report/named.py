@@ -71,7 +71,9 @@ def confusion_set(problem: Problem, explanation: Explanation, most: int) -> list
     """
     for one in explanation.named:
         rivals = {id(m): (name, m) for name, m in reversed(one.exchanges.items())}.values()
-        fits = [_last(_by_itself(problem, m), name) for name, m in [*reversed(rivals)][:most]]
+        alone = [(name, _by_itself(problem, m)) for name, m in [*reversed(rivals)][:most]]
+        # By itself a structure may need that effect no more.
+        fits = [_last(fit, name) for name, fit in alone if _has(fit, name)]
         if fits:
             return [_last(explanation.fit, one.term.effect.name), *fits]
     for one in explanation.named:
@@ -135,6 +137,10 @@ def considered(explanation: Explanation) -> tuple[Considered, ...]:
         for (number, name), gain in gains.items()
         if name in CATALOGUE
     )
+
+
+def _has(fit: Fit, effect: str) -> bool:
+    return any(term.effect.name == effect for term in fit.structure.terms)
 
 
 def _last(fit: Fit, effect: str) -> Fit:

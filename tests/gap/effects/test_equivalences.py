@@ -165,4 +165,30 @@ def test_two_effects_that_one_is_the_shorter_name_for(effect):
 
 
 def test_every_pair_that_one_effect_is_the_name_for_is_simulated():
-    assert {e.effects[1] for e in _TABLE if e.beside is not None} == set(SPELLED_OUT)
+    assert {e.effects[1] for e in _TABLE if e.whole} == set(SPELLED_OUT)
+
+
+# The arm's servo has kp 30 and kv 1.
+BESIDE = {
+    "velocity_gain": ({"torque_constant": (0.2,)}, (0.2,)),
+    "viscous_friction": ({"torque_constant": (0.2,), "viscous_friction": (0.1,)}, (0.3,)),
+}
+
+
+@pytest.mark.parametrize("damping", BESIDE)
+def test_beside_damping_a_stronger_motor_is_a_higher_gain(damping):
+    motor, own = BESIDE[damping]
+    gains = {"position_gain": (6.0,), damping: own}
+    *moved, effort = apart_by(arm(), motor, gains)
+    assert max(moved) < 0.02
+    assert effort > 0.1
+    found = equivalences("position_gain", ["position"], robot=arm(), beside=[damping])
+    assert set(found) == {"torque_constant"}
+    assert equivalences("position_gain", ["position", "effort"], beside=[damping]) == {}
+    assert spelled_out("torque_constant") == {}
+
+
+def test_every_pair_beside_a_third_is_simulated():
+    beside = [e for e in _TABLE if e.beside is not None and not e.whole]
+    assert {e.beside for e in beside} == set(BESIDE)
+    assert {e.effects for e in beside} == {("position_gain", "torque_constant")}

@@ -14,11 +14,15 @@ from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
+from walkerkit.gap.report.named import confusion_set
+from walkerkit.gap.search.compare import Table
 from walkerkit.gap.search.fit import evaluate
-from walkerkit.gap.search.naming import Explanation, by_usual_names, name_effects
+from walkerkit.gap.search.naming import Explanation, Named, by_usual_names, name_effects
 from walkerkit.gap.search.needed import all_estimated
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.settle import settled
+from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, extended
 from walkerkit.gap.workflow import prepare
 from walkerkit.tasks.excitation import BATTERY
@@ -279,6 +283,23 @@ def test_an_effect_of_which_nothing_is_known_is_not_told(problem: Make) -> None:
     assert [term.effect.name for term in told.structure.terms] == ["coulomb_friction"]
     assert told.values == pytest.approx(0.3, rel=0.05)
     assert all_estimated(leg, told) is told
+
+
+def test_what_by_itself_needs_an_effect_no_more_is_no_rival(problem: Make) -> None:
+    leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
+    right = fitted(leg, coulomb_friction=["knee"])
+    both = fitted(leg, coulomb_friction=["knee"], torque_bias=["ankle"], armature=["ankle"])
+    slopes = linearised(leg.fit.objective, both)
+    (rival, *_) = members(leg.fit.objective, both, slopes, leg.noise)
+    rival = replace(rival, kept=np.arange(2))  # without the armature
+    only = Named(
+        term=right.structure.terms[0],
+        confidence=1.0,
+        exchanges={"torque_bias": rival},
+        equivalent={},
+    )
+    told = Explanation(fit=right, named=(only,), table=Table((rival,)), gains={}, searched=True)
+    assert confusion_set(leg, told, 3) == []
 
 
 def test_a_plainer_effect_is_named_where_a_wider_one_is_no_better(problem: Make) -> None:
