@@ -192,6 +192,14 @@ def test_no_effect_is_taken_for_an_error(biped: Path, name: str) -> None:
     assert found(biped, without(log, "effort", "velocity")) == []
 
 
+def test_what_only_a_moment_shows_is_no_error_of_wiring(biped: Path, walk: Recording) -> None:
+    turned = exchanged(walk, "sign_flip", ["left_hip/position"])
+    moment = (walk.time >= 1.0) & (walk.time < 1.5)
+    columns = {name: np.where(moment, turned.columns[name], v) for name, v in walk.columns.items()}
+    assert found(biped, replace(walk, columns=columns), window=0.5) == []
+    assert found(biped, turned, window=0.5) != []
+
+
 def test_only_the_recordings_that_have_it_are_mended(biped: Path, walk: Recording) -> None:
     other = simulated(biped, seed=1)
     (error,) = found(biped, walk, exchanged(other, "sign_flip", ["left_hip/position_target"]))
