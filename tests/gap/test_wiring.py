@@ -192,14 +192,6 @@ def test_no_effect_is_taken_for_an_error(biped: Path, name: str) -> None:
     assert found(biped, without(log, "effort", "velocity")) == []
 
 
-def test_what_only_a_moment_shows_is_no_error_of_wiring(biped: Path, walk: Recording) -> None:
-    turned = exchanged(walk, "sign_flip", ["left_hip/position"])
-    moment = (walk.time >= 1.0) & (walk.time < 1.5)
-    columns = {name: np.where(moment, turned.columns[name], v) for name, v in walk.columns.items()}
-    assert found(biped, replace(walk, columns=columns), window=0.5) == []
-    assert found(biped, turned, window=0.5) != []
-
-
 def test_only_the_recordings_that_have_it_are_mended(biped: Path, walk: Recording) -> None:
     other = simulated(biped, seed=1)
     (error,) = found(biped, walk, exchanged(other, "sign_flip", ["left_hip/position_target"]))
@@ -262,6 +254,21 @@ def test_logs_of_real_hardware(
     (error,) = found(real_logs / model, flipped, window=window)
     assert error.kind == "sign_flip"
     assert column in (*error.columns, *error.or_else)
+
+
+def test_the_worst_half_second_of_a_chaotic_robot_is_no_swap(
+    real_logs: Path, tmp_path: Path
+) -> None:
+    """Exchanging the joints of a double pendulum comes near some half second by chance."""
+    logs = real_logs / "double_pendulum"
+    spec = mujoco.MjSpec.from_file(str(logs / "double_pendulum.xml"))
+    for name, frictionloss, armature in (("shoulder", 0.25, 0.0055), ("elbow", 0.19, 0.004)):
+        spec.joint(name).frictionloss, spec.joint(name).armature = frictionloss, armature
+    spec.body("lower").mass *= 0.6
+    model = tmp_path / "light.xml"
+    model.write_text(spec.to_xml())
+    recordings = [Recording.load(path) for path in sorted(logs.glob("*.csv"))]
+    assert found(model, *recordings, window=0.5) == []
 
 
 @pytest.mark.parametrize("gain", [100, 200])
