@@ -141,7 +141,10 @@ def begin(
     with contextlib.suppress(EnoughError):
         found = ground(problem, effects, nothing, effort.checked(progress), first)
         if found is not nothing:
-            plain = book.add(found)
+            # Few wild blocks must not bend what all rare effects are looked for beside.
+            problem.fit.refine(found)
+            slopes = linearised(problem.fit.objective, found)
+            plain = book.add(robustly(problem.fit, found, slopes, problem.noise))
     effort.ground_is_done()
     return Begun(book=book, plain=plain, searched=True)
 
