@@ -7,7 +7,7 @@ book.best                # the member that the table prefers
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,21 +117,29 @@ class Book:
             running = [m for m in (table.best, *running) if m.key not in by_itself]
             if not running:
                 break
-            by_itself |= {running[0].key, self._fit_by_itself(running[0], fitted).key}
+            by_itself.add(running[0].key)
+            by_itself.add(self._fit_by_itself(running[0], fitted, by_itself).key)
         self._among = by_itself
 
-    def _fit_by_itself(self, member: Member, fitted: Callable[[Member], Fit]) -> Member:
-        """Puts a member as it is by itself in the place of the one that was read off slopes."""
+    def _fit_by_itself(
+        self, member: Member, fitted: Callable[[Member], Fit], known: Collection[Hashable]
+    ) -> Member:
+        """Puts a member as it is by itself in the place of the one that was read off slopes.
+
+        Of members whose keys are known slopes say nothing any more.
+        """
         objective = self._problem.fit.objective
         one = fitted(member)
         self._problem.fit.refine(one)
         slopes = linearised(objective, one)
         found = members(objective, one, slopes, self._problem.noise, whole=True)
+        itself = next(other for other in found if len(other.kept) == len(one.values))
+        found = [other for other in found if other is itself or other.key not in known]
         better = {member.key, *(other.key for other in found)}
         kept = [other for other in self._members if other.key not in better]
         self._members = [*kept, *found]
         self._table = None
-        return next(member for member in found if len(member.kept) == len(one.values))
+        return itself
 
     def is_enough(self, smaller: Fit, full: Fit) -> bool:
         """Whether what a fit has beside a smaller one is not worth a name."""

@@ -6,8 +6,8 @@ slopes.follow(step, residual, weights)    # where the fit moves on
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,8 @@ class Slopes:
         right: they said what the last step would change.
         sure: they are of this very fit, or said what the only step since then would change.
         uncorrected: residual and jacobian with the numerical error in them, where they were kept.
+        gone: index of each delay to the step, in scales, to where it is none, and the change
+            (rows, n_scored) of the uncorrected residual by that.
     """
 
     structure: Structure
@@ -48,13 +50,29 @@ class Slopes:
     right: bool = False
     sure: bool = True
     uncorrected: tuple[FloatArray, FloatArray] | None = None
+    gone: Mapping[int, tuple[float, FloatArray]] = field(default_factory=dict)
 
-    def keep(self, objective: Objective) -> None:
-        """Keeps what they are with the numerical error in them, to be predicted far away."""
+    def keep(self, objective: Objective, one: Fit) -> None:
+        """Keeps what they are with the numerical error in them, to be predicted far away.
+
+        A torque that is commanded in jumps changes by jumps where it comes earlier, and no slope
+        says so: without its delay a fit is simulated.
+        """
         residual, jacobian = self.residual[None].copy(), self.jacobian.copy()
-        objective.numerical.free(residual)
-        objective.numerical.free(jacobian)
+        late = _delays(objective, one)
+        values = np.tile(one.values, (len(late), 1))
+        values[np.arange(len(late)), late] = one.structure.zero[late]
+        case = Case(structure=one.structure, values=values)
+        prompt = objective.simulated([case])[0] - self.residual if late else residual[:0]
+        for some in (residual, jacobian, prompt):
+            objective.numerical.free(some)
+        steps = (one.structure.zero - one.values) / one.structure.scale
         self.uncorrected = residual[0], jacobian
+        self.gone = {
+            k: (float(steps[k]), change)
+            for k, change in zip(late, prompt, strict=True)
+            if np.isfinite(change).all()
+        }
 
     @property
     def as_simulated(self) -> FloatArray:
@@ -71,6 +89,9 @@ class Slopes:
             return near
         residual, jacobian = self.uncorrected
         far: FloatArray = residual + np.tensordot(step, jacobian, 1)
+        for k, (whole, change) in self.gone.items():
+            if step[k] == whole:
+                far += change - step[k] * jacobian[k]
         objective.take_out_factors(far[None])  # in place
         return far
 
@@ -106,6 +127,7 @@ class Slopes:
             right=True,
             sure=True,
             uncorrected=None,
+            gone={},
         )
 
     def score(self, objective: Objective, step: FloatArray) -> float:
@@ -147,9 +169,18 @@ def linearised(objective: Objective, one: Fit, *, part: float = _PERTURBATION) -
     Over a part of each number's scale.
     """
     (found,) = linearised_each([objective], [one], part=part, correct=False)
-    found.keep(objective)
+    found.keep(objective, one)
     found.correct(objective)
     return found
+
+
+def _delays(objective: Objective, one: Fit) -> list[int]:
+    """Indices of a fit's delays that some effort shows."""
+    if not any(channel.signal == "effort" for channel in objective.channels):
+        return []
+    away = one.values != one.structure.zero
+    slots = enumerate(one.structure.slots)
+    return [k for k, slot in slots if slot.parameter.is_delay and away[k]]
 
 
 def slopes_to_carry(objective: Objective, one: Fit) -> Slopes | None:
