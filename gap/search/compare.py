@@ -32,6 +32,7 @@ from walkerkit.gap.search.decision import (
 )
 from walkerkit.gap.search.score import Scores
 from walkerkit.gap.search.structure import Fit
+from walkerkit.gap.simulation.channel import Channel
 
 FloatArray = NDArray[np.float64]
 Places = Mapping[str, tuple[str, ...]]
@@ -211,16 +212,17 @@ class Table:
         return table.sort_values("weight", ascending=False, kind="stable", ignore_index=True)
 
 
-def is_worth_a_name(before: Member, after: Member, joints: Sequence[str]) -> bool:
+def is_worth_a_name(before: Member, after: Member, channels: Sequence[Channel]) -> bool:
     """Whether a structure leaves gaps that are smaller by what is worth a name.
 
-    In the mean of the channels, or twice as much at some joint. Over all blocks, or in the typical
-    one: a few wild blocks hold most of a root mean square.
+    Those of one quantity, such as position, in the mean of its channels, or twice as much at some
+    joint: what moves a joint otherwise may change nothing of the effort that is asked of it. Over
+    all blocks, or in the typical one: a few wild blocks hold most of a root mean square.
 
     Args:
         before: the structure without what is to be named.
         after: that with it.
-        joints: (n_scored,) joint of each channel.
+        channels: (n_scored,) that are compared.
     """
     count, floor = before.scores.count, before.scores.floor**2
     explained = np.sqrt(np.maximum(before.scores.size**2 - after.scores.size**2, 0))
@@ -232,11 +234,15 @@ def is_worth_a_name(before: Member, after: Member, joints: Sequence[str]) -> boo
     typical = np.sum(0.5 * np.log(old / new) * (count > 0), axis=0) / blocks
     old, new = (one.scores.size**2 + floor for one in (before, after))
     in_all = 0.5 * np.log(old / new)
-    of_joint = [[j == joint for j in joints] for joint in dict.fromkeys(joints)]
+    kinds: list[tuple[float, list[Hashable]]] = [
+        (LEAST_GAIN, [channel.quantity for channel in channels]),
+        (2 * LEAST_GAIN, [(channel.joint, channel.quantity) for channel in channels]),
+    ]
     return any(
-        float(gain.mean()) >= LEAST_GAIN
-        or max(float(gain[own].mean()) for own in of_joint) >= 2 * LEAST_GAIN
+        float(gain[[own == one for own in of]].mean()) >= least
         for gain in (typical, in_all)
+        for least, of in kinds
+        for one in dict.fromkeys(of)
     )
 
 

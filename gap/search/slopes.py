@@ -52,25 +52,29 @@ class Slopes:
     uncorrected: tuple[FloatArray, FloatArray] | None = None
     gone: Mapping[int, tuple[float, FloatArray]] = field(default_factory=dict)
 
-    def keep(self, objective: Objective, one: Fit) -> None:
-        """Keeps what they are with the numerical error in them, to be predicted far away.
-
-        A torque that is commanded in jumps changes by jumps where it comes earlier, and no slope
-        says so: without its delay a fit is simulated.
-        """
+    def keep(self, objective: Objective) -> None:
+        """Keeps what they are with the numerical error in them, to be predicted far away."""
         residual, jacobian = self.residual[None].copy(), self.jacobian.copy()
-        late = _delays(objective, one)
-        values = np.tile(one.values, (len(late), 1))
-        values[np.arange(len(late)), late] = one.structure.zero[late]
-        case = Case(structure=one.structure, values=values)
-        prompt = objective.simulated([case])[0] - self.residual if late else residual[:0]
-        for some in (residual, jacobian, prompt):
-            objective.numerical.free(some)
-        steps = (one.structure.zero - one.values) / one.structure.scale
+        objective.numerical.free(residual)
+        objective.numerical.free(jacobian)
         self.uncorrected = residual[0], jacobian
+
+    def look_without_delays(self, objective: Objective, one: Fit) -> None:
+        """Simulates the fit without each of its delays, which a member may lack.
+
+        A torque that is commanded in jumps changes by jumps where it comes earlier, which no slope
+        says.
+        """
+        late = _delays(objective, one)
+        if not late:
+            return
+        values = np.tile(one.values, (1 + len(late), 1))
+        values[1 + np.arange(len(late)), late] = one.structure.zero[late]
+        (own, *prompt) = objective.freed([Case(structure=one.structure, values=values)])[0]
+        steps = (one.structure.zero - one.values) / one.structure.scale
         self.gone = {
             k: (float(steps[k]), change)
-            for k, change in zip(late, prompt, strict=True)
+            for k, change in zip(late, [each - own for each in prompt], strict=True)
             if np.isfinite(change).all()
         }
 
@@ -84,15 +88,13 @@ class Slopes:
 
         The numerical error is taken out of it within its bounds, which a long step may reach.
         """
-        if self.uncorrected is None:
-            near: FloatArray = self.residual + np.tensordot(step, self.jacobian, 1)
-            return near
-        residual, jacobian = self.uncorrected
+        residual, jacobian = self.uncorrected or (self.residual, self.jacobian)
         far: FloatArray = residual + np.tensordot(step, jacobian, 1)
         for k, (whole, change) in self.gone.items():
             if step[k] == whole:
                 far += change - step[k] * jacobian[k]
-        objective.take_out_factors(far[None])  # in place
+        if self.uncorrected is not None:
+            objective.take_out_factors(far[None])  # in place
         return far
 
     def correct(self, objective: Objective) -> None:
@@ -169,7 +171,7 @@ def linearised(objective: Objective, one: Fit, *, part: float = _PERTURBATION) -
     Over a part of each number's scale.
     """
     (found,) = linearised_each([objective], [one], part=part, correct=False)
-    found.keep(objective, one)
+    found.keep(objective)
     found.correct(objective)
     return found
 
