@@ -215,25 +215,47 @@ class Table:
 def is_worth_a_name(before: Member, after: Member, channels: Sequence[Channel]) -> bool:
     """Whether a structure leaves gaps that are smaller by what is worth a name.
 
-    Those of one quantity, such as position, in the mean of its channels, or twice as much at some
-    joint: what moves a joint otherwise may change nothing of the effort that is asked of it. Over
-    all blocks, or in the typical one: a few wild blocks hold most of a root mean square.
-
     Args:
         before: the structure without what is to be named.
         after: that with it.
         channels: (n_scored,) that are compared.
     """
-    count, floor = before.scores.count, before.scores.floor**2
+    count, floor = before.scores.count, before.scores.floor
     explained = np.sqrt(np.maximum(before.scores.size**2 - after.scores.size**2, 0))
-    if not (explained >= LEAST_CHANGE * before.scores.floor).any():
+    if not (explained >= LEAST_CHANGE * floor).any():
         return False
-    measured = np.maximum(count, 1)
-    old, new = (one.scores.squares / measured + floor for one in (before, after))
-    blocks = np.maximum((count > 0).sum(axis=0), 1)
-    typical = np.sum(0.5 * np.log(old / new) * (count > 0), axis=0) / blocks
-    old, new = (one.scores.size**2 + floor for one in (before, after))
-    in_all = 0.5 * np.log(old / new)
+    squares = (before.scores.squares, after.scores.squares)
+    return leaves_smaller_gaps(*squares, count=count, floor=floor, channels=channels)
+
+
+def leaves_smaller_gaps(
+    before: FloatArray,
+    after: FloatArray,
+    *,
+    count: FloatArray,
+    floor: FloatArray,
+    channels: Sequence[Channel],
+) -> bool:
+    """Whether the gaps of some quantity are smaller by what is worth a name.
+
+    In the mean of its channels, or twice as much at some joint: what moves a joint otherwise may
+    change nothing of the effort that is asked of it. Over all blocks, or in the typical one: a few
+    wild blocks hold most of a root mean square.
+
+    Args:
+        before: (n_blocks, n_scored) sums of squares of the gaps.
+        after: the same with what is to be named.
+        count: (n_blocks, n_scored) measured samples.
+        floor: (n_scored,) below which a gap says nothing.
+        channels: (n_scored,) that are compared.
+    """
+    there = count > 0
+    each = [squares / np.maximum(count, 1) + floor**2 for squares in (before, after)]
+    typical = np.sum(0.5 * np.log(each[0] / each[1]) * there, axis=0)
+    typical /= np.maximum(there.sum(axis=0), 1)
+    samples = np.maximum(count.sum(axis=0), 1)
+    whole = [squares.sum(axis=0) / samples + floor**2 for squares in (before, after)]
+    in_all = 0.5 * np.log(whole[0] / whole[1])
     kinds: list[tuple[float, list[Hashable]]] = [
         (LEAST_GAIN, [channel.quantity for channel in channels]),
         (2 * LEAST_GAIN, [(channel.joint, channel.quantity) for channel in channels]),

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
-from walkerkit.gap.search.compare import Member, Table
+from walkerkit.gap.search.compare import Member, Table, leaves_smaller_gaps
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
 from walkerkit.gap.search.fit import evaluate, polished
@@ -104,11 +104,13 @@ class Begun:
 
     Attributes:
         book: what was fitted.
+        nothing: the fit of the model as given.
         plain: the fit of all that is ordinary, and of what a floating base and its ground need.
         searched: whether anything is to be looked for: the model as given leaves a gap.
     """
 
     book: Book
+    nothing: Fit
     plain: Fit
     searched: bool
 
@@ -136,14 +138,14 @@ def begin(
     problem.fit.refine(nothing)
     nothing = book.add(nothing)
     if not effects or problem.leaves_nothing(nothing):
-        return Begun(book=book, plain=nothing, searched=False)
+        return Begun(book=book, nothing=nothing, plain=nothing, searched=False)
     plain = nothing
     with contextlib.suppress(EnoughError):
         found = ground(problem, effects, nothing, effort.checked(progress), first)
         if found is not nothing:
             plain = _unbent(problem, book, book.add(found))
     effort.ground_is_done()
-    return Begun(book=book, plain=plain, searched=True)
+    return Begun(book=book, nothing=nothing, plain=plain, searched=True)
 
 
 def _unbent(problem: Problem, book: Book, ground: Fit) -> Fit:
@@ -190,9 +192,27 @@ def name_effects(
         search.rare([effect for effect in effects if not effect.ordinary], begun.plain)
     book.fit_what_is_in_the_running(lambda member: only_needed(problem, member))
     final = by_usual_names(problem, book.best.fit)
+    if not _mends(problem, begun.nothing, final):
+        final = begun.nothing
     problem.fit.refine(final)
     found = _explanation(problem, book, final, searched=True)
     return replace(found, untried=tuple(effort.untried))
+
+
+def _mends(problem: Problem, given: Fit, final: Fit) -> bool:
+    """Whether a model with what is named leaves smaller gaps, as it is simulated.
+
+    Without the numerical error both may be told apart by less than it.
+    """
+    objective = problem.fit.objective
+    before, after = (objective.simulated([one.case])[0][0] for one in (given, final))
+    return not np.isfinite(before).all() or leaves_smaller_gaps(
+        objective.block_squares(before),
+        objective.block_squares(after),
+        count=objective.block_counts(),
+        floor=problem.noise,
+        channels=problem.channels,
+    )
 
 
 class _Search:
