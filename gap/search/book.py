@@ -94,23 +94,21 @@ class Book:
         free = beside is None or smaller or not self._members
         if free or self._worth_a_name(found[0]):
             known = _estimated(problem, found[0], slopes)
-            if known < KNOWN:  # by slopes
-                may_be = known >= _MAY_BE_KNOWN and not problem.on_feet
-                found = self._estimated_by_itself(found[0], slopes) if may_be else []
-            self._members += found
-            self._table = None
+            may_be = known >= _MAY_BE_KNOWN and not problem.on_feet
+            if known >= KNOWN or (may_be and self._known_by_itself(found[0], slopes)):
+                self._members += found
+                self._table = None
         return one
 
-    def _estimated_by_itself(self, member: Member, slopes: Slopes) -> list[Member]:
-        """A member fitted by itself, and what is left of that; none where it is not estimated."""
+    def _known_by_itself(self, member: Member, slopes: Slopes) -> bool:
+        """Whether a member is estimated once it is fitted by itself."""
         problem, objective = self._problem, self._problem.fit.objective
         one = by_itself(problem, member, slopes)
         slopes = linearised(objective, one)
-        slopes.look_without_delays(objective, one)
         found = members(objective, one, slopes, problem.noise, whole=True)
         itself = next(other for other in found if len(other.kept) == len(one.values))
-        enough = _estimated(problem, itself, slopes) >= KNOWN and self._worth_a_name(itself)
-        return found if enough else []
+        problem.fit.refine(member.fit)
+        return _estimated(problem, itself, slopes) >= KNOWN and self._worth_a_name(itself)
 
     def fit_what_is_in_the_running(self, fitted: Callable[[Member], Fit]) -> None:
         """Has the structures that may be the best fitted by themselves, of which `best` then is.
