@@ -12,10 +12,9 @@ from collections.abc import Callable, Collection, Hashable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.certainty import ran_away
+from walkerkit.gap.search.certainty import covariance, ran_away
 from walkerkit.gap.search.compare import Member, Table, is_worth_a_name
 from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
-from walkerkit.gap.search.needed import by_itself, known_errors
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members, ordinary
 from walkerkit.gap.search.score import Wildness
@@ -24,7 +23,6 @@ from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
 
-_MAY_BE_KNOWN = 0.5 * KNOWN  # what slopes say is known less is not fitted by itself
 _MOST_IN_THE_RUNNING = 4  # structures that are fitted by themselves
 _OUT_OF_REACH = 3.0  # times T, of a log weight, that leave-one-out could hardly make up
 
@@ -41,7 +39,7 @@ class Book:
 
     def __init__(self, problem: Problem):
         self._problem = problem
-        self._channels = problem.channels
+        self._joints = [channel.joint for channel in problem.channels]
         self._known: tuple[Fit, Slopes] | None = None
         self.gains: dict[tuple[int, str], float] = {}
         self._members: list[Member] = []
@@ -85,30 +83,16 @@ class Book:
         problem.fit.refine(one)
         slopes = self._slopes_beside(one, beside)
         one = objective.at(one, slopes.residual)
-        slopes.look_without_delays(objective, one)
         if beside is None:
             self._known = one, slopes
         found = members(objective, one, slopes, problem.noise)
         if beside is None:
             self._left_out(found)
         free = beside is None or smaller or not self._members
-        if free or self._worth_a_name(found[0]):
-            known = _estimated(problem, found[0], slopes)
-            may_be = known >= _MAY_BE_KNOWN and not problem.on_feet
-            if known >= KNOWN or (may_be and self._known_by_itself(found[0], slopes)):
-                self._members += found
-                self._table = None
+        if (free or self._worth_a_name(found[0])) and _estimated(problem, found[0], slopes):
+            self._members += found
+            self._table = None
         return one
-
-    def _known_by_itself(self, member: Member, slopes: Slopes) -> bool:
-        """Whether a member is estimated once it is fitted by itself."""
-        problem, objective = self._problem, self._problem.fit.objective
-        one = by_itself(problem, member, slopes)
-        slopes = linearised(objective, one)
-        found = members(objective, one, slopes, problem.noise, whole=True)
-        itself = next(other for other in found if len(other.kept) == len(one.values))
-        problem.fit.refine(member.fit)
-        return _estimated(problem, itself, slopes) >= KNOWN and self._worth_a_name(itself)
 
     def fit_what_is_in_the_running(self, fitted: Callable[[Member], Fit]) -> None:
         """Has the structures that may be the best fitted by themselves, of which `best` then is.
@@ -148,7 +132,6 @@ class Book:
         one = fitted(member)
         self._problem.fit.refine(one)
         slopes = linearised(objective, one)
-        slopes.look_without_delays(objective, one)
         found = members(objective, one, slopes, self._problem.noise, whole=True)
         itself = next(other for other in found if len(other.kept) == len(one.values))
         found = [other for other in found if other is itself or other.key not in known]
@@ -164,7 +147,7 @@ class Book:
         before, after = found
         if before is None or after is None:
             return after is None and before is not None
-        return not is_worth_a_name(before, after, self._channels)
+        return not is_worth_a_name(before, after, self._joints)
 
     def has_tried(self, effect: str) -> bool:
         """Whether a rare effect was fitted beside others."""
@@ -212,25 +195,51 @@ class Book:
         if not plain:
             return True
         table = Table(tuple(plain))
-        return is_worth_a_name(table.best, one, self._channels)
+        return is_worth_a_name(table.best, one, self._joints)
 
 
-def _estimated(problem: Problem, member: Member, slopes: Slopes) -> float:
-    """Standard errors by which each rare effect's best known number is known, at the least.
+def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:
+    """Whether of each rare effect some number is known, and none is at its bound.
 
     Beside what the member needs: dry friction that it has no more cannot be what bristles carry.
-    Nothing is known of an effect of which a number ran into its bound.
     """
     one, structure = member.fit, member.fit.structure
     rare = [t for t in structure.terms if t.effect.fitted and not t.effect.ordinary]
     stopped = ran_away(one)
     columns = [structure.columns(term) for term in rare]
-    if not rare:
-        return np.inf
     if any(stopped[own].any() for own in columns):
-        return 0.0
-    errors = known_errors(problem, one, slopes, member)
-    return min(float(errors[own].max()) for own in columns)
+        return False
+    errors = known_errors(problem, one, slopes, member.kept) if rare else np.zeros(0)
+    return all(errors[own].max() >= KNOWN for own in columns)
+
+
+def known_errors(
+    problem: Problem, one: Fit, slopes: Slopes, kept: NDArray[np.intp] | None = None
+) -> FloatArray:
+    """(n_parameters,) standard errors between each value and that which changes nothing.
+
+    In the light of all that the model still lacks; 0 for numbers that change nothing by themselves.
+
+    Args:
+        problem: what is to be explained.
+        one: a fit.
+        slopes: those at it.
+        kept: indices of the values that are not fixed; all by default.
+    """
+    problem.screen.refine(one)
+    variance, _ = covariance(
+        problem.fit.objective, one, problem.noise, slopes, problem.screen.objective
+    )
+    if kept is not None:
+        fixed = np.setdiff1d(np.arange(len(variance)), kept)
+        across = variance[:, fixed]
+        within = np.linalg.pinv(variance[np.ix_(fixed, fixed)], rcond=1e-12, hermitian=True)
+        variance = variance - across @ within @ across.T
+    std = np.sqrt(np.maximum(np.diag(variance), 0.0))
+    shapes = np.array([slot.parameter.shape for slot in one.structure.slots], dtype=bool)
+    away = np.where(shapes, 0.0, np.abs(one.values - one.structure.zero))
+    errors: FloatArray = away / np.where(std > 0, std, np.inf)
+    return errors
 
 
 def _rare(one: Member) -> int:

@@ -32,7 +32,6 @@ from walkerkit.gap.search.decision import (
 )
 from walkerkit.gap.search.score import Scores
 from walkerkit.gap.search.structure import Fit
-from walkerkit.gap.simulation.channel import Channel
 
 FloatArray = NDArray[np.float64]
 Places = Mapping[str, tuple[str, ...]]
@@ -212,20 +211,20 @@ class Table:
         return table.sort_values("weight", ascending=False, kind="stable", ignore_index=True)
 
 
-def is_worth_a_name(before: Member, after: Member, channels: Sequence[Channel]) -> bool:
+def is_worth_a_name(before: Member, after: Member, joints: Sequence[str]) -> bool:
     """Whether a structure leaves gaps that are smaller by what is worth a name.
 
     Args:
         before: the structure without what is to be named.
         after: that with it.
-        channels: (n_scored,) that are compared.
+        joints: (n_scored,) joint of each channel.
     """
     count, floor = before.scores.count, before.scores.floor
     explained = np.sqrt(np.maximum(before.scores.size**2 - after.scores.size**2, 0))
     if not (explained >= LEAST_CHANGE * floor).any():
         return False
     squares = (before.scores.squares, after.scores.squares)
-    return leaves_smaller_gaps(*squares, count=count, floor=floor, channels=channels)
+    return leaves_smaller_gaps(*squares, count=count, floor=floor, joints=joints)
 
 
 def leaves_smaller_gaps(
@@ -234,20 +233,19 @@ def leaves_smaller_gaps(
     *,
     count: FloatArray,
     floor: FloatArray,
-    channels: Sequence[Channel],
+    joints: Sequence[str],
 ) -> bool:
-    """Whether the gaps of some quantity are smaller by what is worth a name.
+    """Whether gaps are smaller by what is worth a name.
 
-    In the mean of its channels, or twice as much at some joint: what moves a joint otherwise may
-    change nothing of the effort that is asked of it. Over all blocks, or in the typical one: a few
-    wild blocks hold most of a root mean square.
+    In the mean of the channels, or twice as much at some joint. Over all blocks, or in the typical
+    one: a few wild blocks hold most of a root mean square.
 
     Args:
         before: (n_blocks, n_scored) sums of squares of the gaps.
         after: the same with what is to be named.
         count: (n_blocks, n_scored) measured samples.
         floor: (n_scored,) below which a gap says nothing.
-        channels: (n_scored,) that are compared.
+        joints: (n_scored,) joint of each channel.
     """
     there = count > 0
     each = [squares / np.maximum(count, 1) + floor**2 for squares in (before, after)]
@@ -256,15 +254,11 @@ def leaves_smaller_gaps(
     samples = np.maximum(count.sum(axis=0), 1)
     whole = [squares.sum(axis=0) / samples + floor**2 for squares in (before, after)]
     in_all = 0.5 * np.log(whole[0] / whole[1])
-    kinds: list[tuple[float, list[Hashable]]] = [
-        (LEAST_GAIN, [channel.quantity for channel in channels]),
-        (2 * LEAST_GAIN, [(channel.joint, channel.quantity) for channel in channels]),
-    ]
+    of_joint = [[j == joint for j in joints] for joint in dict.fromkeys(joints)]
     return any(
-        float(gain[[own == one for own in of]].mean()) >= least
+        float(gain.mean()) >= LEAST_GAIN
+        or max(float(gain[own].mean()) for own in of_joint) >= 2 * LEAST_GAIN
         for gain in (typical, in_all)
-        for least, of in kinds
-        for one in dict.fromkeys(of)
     )
 
 

@@ -29,8 +29,8 @@ LEAST_CHANGE: Final = 0.5
 the numerical error."""
 
 LEAST_GAIN: Final = 0.05
-"""And by how much the gaps of some quantity are smaller with it, as the log of their ratio: in the
-mean of its channels, or twice as much at some joint."""
+"""And by how much gaps are smaller with it, as the log of their ratio: in the mean of the channels,
+or twice as much at some joint."""
 
 KNOWN: Final = 2.0
 """Standard errors between a number and where it changes nothing, from which on it is known."""

@@ -30,7 +30,7 @@ from walkerkit.gap.search.needed import only_needed
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
-from walkerkit.gap.search.settle import robustly, trust_in_the_light_of, without_the_wild
+from walkerkit.gap.search.settle import robustly, without_the_wild
 from walkerkit.gap.search.slopes import linearised, normal_equations
 from walkerkit.gap.search.structure import (
     Fit,
@@ -143,23 +143,9 @@ def begin(
     with contextlib.suppress(EnoughError):
         found = ground(problem, effects, nothing, effort.checked(progress), first)
         if found is not nothing:
-            plain = _unbent(problem, book, book.add(found))
+            plain = book.add(found)
     effort.ground_is_done()
     return Begun(book=book, nothing=nothing, plain=plain, searched=True)
-
-
-def _unbent(problem: Problem, book: Book, ground: Fit) -> Fit:
-    """The ground with what the recordings do not want of it at nothing.
-
-    Where few wild blocks hold most of the gaps, they bend numbers that nothing else speaks for, and
-    a rare effect that is looked for beside these is hidden by them.
-    """
-    if trust_in_the_light_of(problem.fit, ground, problem.noise) is None:
-        return ground
-    wanted = only_needed(problem, book.best)
-    values = carried(wanted.values, wanted.structure, ground.structure)
-    (found,) = evaluate(problem.fit.objective, [(ground.structure, values)])
-    return book.add(found)
 
 
 def name_effects(
@@ -211,7 +197,7 @@ def _mends(problem: Problem, given: Fit, final: Fit) -> bool:
         objective.block_squares(after),
         count=objective.block_counts(),
         floor=problem.noise,
-        channels=problem.channels,
+        joints=[channel.joint for channel in problem.channels],
     )
 
 

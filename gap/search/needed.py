@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.certainty import covariance, ran_away
+from walkerkit.gap.search.book import known_errors
+from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.compare import Member
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
 from walkerkit.gap.search.problem import Problem
@@ -41,7 +42,6 @@ def only_needed(problem: Problem, member: Member) -> Fit:
             found = _settled(problem, found, fewer, values, slopes)
             slopes = linearised(objective, found)
             continue
-        slopes.look_without_delays(objective, found)
         smaller, *_ = members(objective, found, slopes, problem.noise, without=unknown)
         if len(smaller.kept) == len(found.values):
             break
@@ -101,37 +101,6 @@ def _not_known(
             if known < KNOWN:
                 least[place] = min(least.get(place, (np.inf, "")), (known, term.effect.name))
     return [(name, place) for place, (_, name) in least.items()], None
-
-
-def known_errors(
-    problem: Problem, one: Fit, slopes: Slopes, member: Member | None = None
-) -> FloatArray:
-    """(n_parameters,) standard errors between each value and that which changes nothing.
-
-    In the light of all that the model still lacks; 0 for numbers that change nothing by themselves.
-
-    Args:
-        problem: what is to be explained.
-        one: a fit.
-        slopes: those at it.
-        member: of it, whose other values are fixed; all of it by default.
-    """
-    problem.screen.refine(one)
-    variance, _ = covariance(
-        problem.fit.objective, one, problem.noise, slopes, problem.screen.objective
-    )
-    values = one.values
-    if member is not None:
-        values = member.values
-        fixed = np.setdiff1d(np.arange(len(variance)), member.kept)
-        across = variance[:, fixed]
-        within = np.linalg.pinv(variance[np.ix_(fixed, fixed)], rcond=1e-12, hermitian=True)
-        variance = variance - across @ within @ across.T
-    std = np.sqrt(np.maximum(np.diag(variance), 0.0))
-    shapes = np.array([slot.parameter.shape for slot in one.structure.slots], dtype=bool)
-    away = np.where(shapes, 0.0, np.abs(values - one.structure.zero))
-    errors: FloatArray = away / np.where(std > 0, std, np.inf)
-    return errors
 
 
 def by_itself(problem: Problem, member: Member, near: Slopes | None = None) -> Fit:

@@ -139,8 +139,10 @@ def _is_of(one: Fit, names: Collection[str]) -> bool:
 
 
 def least_gain(problem: Problem) -> float:
-    """By how much of a score the gap of one channel is smaller that may be worth a name."""
-    return LEAST_GAIN / len(problem.channels)
+    """By how much of a score gaps of one joint are smaller that are worth a name."""
+    joints = [channel.joint for channel in problem.channels]
+    fewest = min(joints.count(joint) for joint in joints)
+    return LEAST_GAIN * fewest / len(joints)
 
 
 def _addable(problem: Problem, structure: Structure, effects: Sequence[Effect]) -> list[Term]:

@@ -87,7 +87,7 @@ class _Reduction:
         self.scale = self._scoring.scores(slopes.residual, every)
         normal, _ = posterior_equations(objective, one, slopes)
         self._covariance = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
-        self._channels = objective.channels
+        self._joints = [channel.joint for channel in objective.channels]
         self._alike = TEMPERATURE / objective.samples
         self._away = (one.values - one.structure.zero) / one.structure.scale
         self.units = {
@@ -132,7 +132,7 @@ class _Reduction:
             member = self._member(dropped)
             if self._worth(member) >= self._worth(most):
                 best = most = member
-            elif not is_worth_a_name(member, most, self._channels):
+            elif not is_worth_a_name(member, most, self._joints):
                 best = member
         return best
 

@@ -6,8 +6,8 @@ slopes.follow(step, residual, weights)    # where the fit moves on
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +38,6 @@ class Slopes:
         right: they said what the last step would change.
         sure: they are of this very fit, or said what the only step since then would change.
         uncorrected: residual and jacobian with the numerical error in them, where they were kept.
-        gone: index of each delay to the step, in scales, to where it is none, and the change
-            (rows, n_scored) of the uncorrected residual by that.
     """
 
     structure: Structure
@@ -50,7 +48,6 @@ class Slopes:
     right: bool = False
     sure: bool = True
     uncorrected: tuple[FloatArray, FloatArray] | None = None
-    gone: Mapping[int, tuple[float, FloatArray]] = field(default_factory=dict)
 
     def keep(self, objective: Objective) -> None:
         """Keeps what they are with the numerical error in them, to be predicted far away."""
@@ -58,25 +55,6 @@ class Slopes:
         objective.numerical.free(residual)
         objective.numerical.free(jacobian)
         self.uncorrected = residual[0], jacobian
-
-    def look_without_delays(self, objective: Objective, one: Fit) -> None:
-        """Simulates the fit without each of its delays, which a member may lack.
-
-        A torque that is commanded in jumps changes by jumps where it comes earlier, which no slope
-        says.
-        """
-        late = _delays(objective, one)
-        if not late:
-            return
-        values = np.tile(one.values, (1 + len(late), 1))
-        values[1 + np.arange(len(late)), late] = one.structure.zero[late]
-        (own, *prompt) = objective.freed([Case(structure=one.structure, values=values)])[0]
-        steps = (one.structure.zero - one.values) / one.structure.scale
-        self.gone = {
-            k: (float(steps[k]), change)
-            for k, change in zip(late, [each - own for each in prompt], strict=True)
-            if np.isfinite(change).all()
-        }
 
     @property
     def as_simulated(self) -> FloatArray:
@@ -88,13 +66,12 @@ class Slopes:
 
         The numerical error is taken out of it within its bounds, which a long step may reach.
         """
-        residual, jacobian = self.uncorrected or (self.residual, self.jacobian)
+        if self.uncorrected is None:
+            near: FloatArray = self.residual + np.tensordot(step, self.jacobian, 1)
+            return near
+        residual, jacobian = self.uncorrected
         far: FloatArray = residual + np.tensordot(step, jacobian, 1)
-        for k, (whole, change) in self.gone.items():
-            if step[k] == whole:
-                far += change - step[k] * jacobian[k]
-        if self.uncorrected is not None:
-            objective.take_out_factors(far[None])  # in place
+        objective.take_out_factors(far[None])  # in place
         return far
 
     def correct(self, objective: Objective) -> None:
@@ -129,7 +106,6 @@ class Slopes:
             right=True,
             sure=True,
             uncorrected=None,
-            gone={},
         )
 
     def score(self, objective: Objective, step: FloatArray) -> float:
@@ -174,15 +150,6 @@ def linearised(objective: Objective, one: Fit, *, part: float = _PERTURBATION) -
     found.keep(objective)
     found.correct(objective)
     return found
-
-
-def _delays(objective: Objective, one: Fit) -> list[int]:
-    """Indices of a fit's delays that some effort shows."""
-    if not any(channel.signal == "effort" for channel in objective.channels):
-        return []
-    away = one.values != one.structure.zero
-    slots = enumerate(one.structure.slots)
-    return [k for k, slot in slots if slot.parameter.is_delay and away[k]]
 
 
 def slopes_to_carry(objective: Objective, one: Fit) -> Slopes | None:

@@ -17,7 +17,6 @@ NUMERICS = {
     "_FEWEST",
     "_FOLDS",
     "_LONGEST",
-    "_MAY_BE_KNOWN",
     "_MOST_IN_THE_RUNNING",
     "_ORDER",
     "_OUTLIER",
