@@ -35,7 +35,7 @@ class Sensed:
     """A log, evenly sampled: the joints' states and the unit's readings in the base's frame.
 
     Attributes:
-        recording: the log.
+        recording: the log at these times.
         time: (T,) [s].
         step: from one sample to the next [s].
         states: (T, nq) positions, (T, nv) velocities and accelerations of the joints.
@@ -105,8 +105,9 @@ def sensed_by(robot: Robot, base: Base, recording: Recording) -> Sensed:
         pushing = pushing @ mounted.T - lever
     else:
         pushing = float(np.linalg.norm(gravity)) * up
+    columns = {n: np.interp(time, recording.time, one) for n, one in recording.columns.items()}
     return Sensed(
-        recording=recording,
+        recording=Recording(name=recording.name, time=time, columns=columns),
         time=time,
         step=step,
         states=(qpos, qvel, qacc),

@@ -50,6 +50,23 @@ def test_standing_attitude_and_velocity_are_known(stood):
         assert found.within > 0.8
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.1])
+def test_times_that_jitter_and_rows_that_are_lost_change_little(stood, lost):
+    robot, log = stood
+    rng = np.random.default_rng(1)
+    kept = rng.random(len(log.time)) >= lost
+    late = np.clip(5e-5 * rng.standard_normal(len(log.time)), -1e-4, 1e-4)
+    uneven = replace(
+        log,
+        time=(log.time + late)[kept],
+        columns={name: values[kept] for name, values in log.columns.items()},
+    )
+    for contacts in (True, False):
+        found = errors(robot, uneven, contacts)
+        assert np.rad2deg(np.sqrt(np.mean(found.tilt**2))) < 0.5
+        assert np.sqrt(np.mean(found.speed**2)) < 0.02
+
+
 def test_forces_in_any_unit_do_as_contacts(stood):
     robot, log = stood
     rng = np.random.default_rng(0)
