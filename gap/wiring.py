@@ -225,13 +225,9 @@ class _Check:
                 or (candidate.kind == "sign_flip" and _turns(before, after, places[0]))
             ):
                 found.append((gained, new[places], candidate, before, after))
-
-        def affected(candidate: _Candidate) -> frozenset[int]:
-            places = [self._joints.index(joint) for joint in candidate.joints]
-            return self._affected(suspect[:, places].all(axis=1), alone[:, places], sources)
-
         for best in sorted(found, key=lambda one: one[0], reverse=True):
-            which = affected(best[2])
+            places = [self._joints.index(joint) for joint in best[2].joints]
+            which = self._affected(suspect[:, places].all(axis=1), alone[:, places], sources)
             if self._explains_all(best[2], which):
                 break
         else:
@@ -245,7 +241,6 @@ class _Check:
         # Of errors that explain as much, the one with the fewest wires.
         rivals.sort(key=lambda one: (len(one[2].parts), [*_PARTS].index(one[2].parts[0])))
         _, _, named, before, after = rivals[0]
-        places = [self._joints.index(joint) for joint in named.joints]
         sizes = [[_gap(some, places, signal) for some in (before, after)] for signal in (0, 1)]
         # Told in position, unless it is the effort that vanishes.
         signal = 0 if sizes[0][0] > _BETTER * sizes[0][1] or named.parts == "P" else 1

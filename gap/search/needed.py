@@ -58,18 +58,19 @@ def all_estimated(problem: Problem, found: Fit) -> Fit:
 
     What was known where wild blocks counted as the rest may be less so where they do not.
     """
-    while True:
+    while found.structure.terms:
         slopes = linearised(problem.fit.objective, found)
         errors = known_errors(problem, found, slopes)
         columns = [(term, found.structure.columns(term)) for term in found.structure.terms]
         known = [(term, errors[own].max()) for term, own in columns if len(own)]
         unknown = [(term, error) for term, error in known if error < KNOWN]
         if not unknown:
-            return found
+            break
         least, _ = min(unknown, key=lambda one: one[1])
         fewer = found.structure.without_term(least)
         values = carried(found.values, found.structure, fewer)
         found = _settled(problem, found, fewer, values, slopes)
+    return found
 
 
 def _not_known(

@@ -70,12 +70,12 @@ def sensed_by(robot: Robot, base: Base, recording: Recording) -> Sensed:
     qpos[:, at], qvel[:, dofs] = state.at(time)
     qacc[:, dofs] = np.gradient(qvel[:, dofs], step, axis=0)
 
+    columns = {n: np.interp(time, recording.time, one) for n, one in recording.columns.items()}
+
     def even(names: Sequence[str]) -> FloatArray | None:
-        if any(name not in recording.columns for name in names):
+        if any(name not in columns for name in names):
             return None
-        return np.stack(
-            [np.interp(time, recording.time, recording.columns[name]) for name in names], axis=1
-        )
+        return np.stack([columns[name] for name in names], axis=1)
 
     gravity = robot.model.opt.gravity
     place, mounted = imu_mounting(robot.model, base.id)
@@ -105,7 +105,6 @@ def sensed_by(robot: Robot, base: Base, recording: Recording) -> Sensed:
         pushing = pushing @ mounted.T - lever
     else:
         pushing = float(np.linalg.norm(gravity)) * up
-    columns = {n: np.interp(time, recording.time, one) for n, one in recording.columns.items()}
     return Sensed(
         recording=Recording(name=recording.name, time=time, columns=columns),
         time=time,
