@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -164,7 +164,7 @@ class MjcfWalker(Actuated, legacy_base.Walker):  # type: ignore[misc]
         laws: Sequence[DrivetrainLaw] = (),
         randomizations: Sequence[Randomization] = (),
         initializer: initializers.WalkerInitializer | None = None,
-    ) -> MjcfWalker:
+    ) -> Self:
         """A walker from a robot file.
 
         Args:

@@ -12,6 +12,7 @@ import importlib
 import pkgutil
 from collections.abc import Iterator, Mapping
 
+from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.base import (
     EVERYWHERE,
     Effect,
@@ -20,6 +21,8 @@ from walkerkit.gap.effects.base import (
     registered,
     users_effects,
 )
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.trials import Trials
 
 # The order in which effects are listed, and in which ties are broken: the usual suspects first.
 _FAMILIES = (
@@ -62,4 +65,14 @@ class Catalogue(Mapping[str, Effect]):
 
 CATALOGUE = Catalogue()
 
-__all__ = ["CATALOGUE", "EVERYWHERE", "Effect", "JointEffect", "LawEffect", "Parameter"]
+__all__ = [
+    "CATALOGUE",
+    "EVERYWHERE",
+    "Effect",
+    "JointEffect",
+    "LawEffect",
+    "Parameter",
+    "Robot",
+    "Trials",
+    "fields",
+]

@@ -17,7 +17,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import mujoco
 from numpy.typing import ArrayLike
@@ -108,8 +108,7 @@ class Mended:
         with tempfile.TemporaryDirectory() as folder:
             path = self._written(Path(folder))
             saved = saved_actuators(path, in_python=self._in_python)
-            made = kind.from_file(path, saved.actuators, laws=saved.laws, **options)
-        return cast("WalkerT", made)
+            return kind.from_file(path, saved.actuators, laws=saved.laws, **options)
 
     @property
     def _in_python(self) -> list[ActuatorCfg]:
