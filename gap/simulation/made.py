@@ -12,13 +12,13 @@ from walkerkit.gap.errors import InputError
 
 
 def spec_of(made: Any, source: str, *, floating: bool = False) -> mujoco.MjSpec:
-    """The spec of a walker, a PyMJCF element, an MjSpec or MJCF text.
+    """The spec of a walker, with its home as a keyframe, a PyMJCF element, an MjSpec or MJCF text.
 
     Args:
         made: one of these.
         source: names it in messages.
-        floating: give a walker the free joint that it has in an arena, and the pose in which it
-            stands as a keyframe; its joints and bodies are called as in its own model.
+        floating: give a walker the free joint that it has in an arena; its joints and bodies are
+            called as in its own model.
 
     Raises:
         InputError: it is none of these.
@@ -42,17 +42,18 @@ def spec_of(made: Any, source: str, *, floating: bool = False) -> mujoco.MjSpec:
         root, prefix = arena.mjcf_model, f"{root.model}/"
     text = _plain_names(root.to_xml_string(), prefix)
     spec = mujoco.MjSpec.from_string(text, assets=root.get_assets())
-    if prefix:
-        _add_home(spec, made)
+    _add_home(spec, made, floats=bool(prefix))
     return spec
 
 
-def _add_home(spec: mujoco.MjSpec, walker: Any) -> None:
-    """Makes the pose in which a walker stands the first keyframe, which an arena does not keep."""
+def _add_home(spec: mujoco.MjSpec, walker: Any, *, floats: bool) -> None:
+    """Makes a walker's home pose the first keyframe, which neither it nor an arena keeps."""
     joints, place, turn = getattr(walker, "upright_pose", (None, None, None))
-    if any(part is None for part in (joints, place, turn)) or spec.keys:
+    parts = [place, turn, joints] if floats else [joints]
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts) or spec.keys:
         return
-    qpos = np.concatenate([place, turn, joints])
+    qpos = np.concatenate(known)
     if len(qpos) == spec.copy().compile().nq:
         spec.add_key(name="home", qpos=qpos)
 

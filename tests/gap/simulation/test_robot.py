@@ -12,6 +12,7 @@ import pytest
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.simulation.base import Base
 from walkerkit.gap.simulation.load_robot import load_robot, robot_from_spec
+from walkerkit.gap.simulation.mended import Mended
 from walkerkit.gap.simulation.robot import Excursion, Measurement
 from walkerkit.walkers import LEG_XML
 
@@ -191,6 +192,14 @@ class TestSources:
         assert robot.path is None
         assert robot.stem == "cart"
         assert robot.source == "maker:cart"
+
+    def test_a_walker_keeps_its_home(self):
+        walker, plain = load_robot("walkerkit.walkers:Leg"), load_robot(LEG_XML)
+        assert walker.model.key("home").qpos.any()
+        np.testing.assert_array_equal(walker.model.key_qpos, plain.model.key_qpos)
+        np.testing.assert_array_equal(
+            Mended(walker).walker().upright_pose.qpos, plain.model.key_qpos[0]
+        )
 
     def test_the_composer_leg_is_the_leg_of_the_file(self):
         walker, plain = load_robot("walkerkit.walkers:Leg"), load_robot(LEG_XML)
