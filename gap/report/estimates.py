@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import EVERYWHERE
+from walkerkit.gap.effects.fields import FILE
 from walkerkit.gap.report.diagnosis import Change, Estimate
 from walkerkit.gap.search.certainty import INSENSITIVE, at_bound
 from walkerkit.gap.search.structure import Fit, Slot, Term
@@ -99,9 +100,12 @@ def _inverted(estimate: Estimate, name: str = "", unit: str = "") -> Estimate:
     """One over an estimate, by its own name; as it is without a name, or at zero."""
     if not name or estimate.value <= 0:
         return estimate
+    # MJCF has the number that people speak of, and actuators.json the parameter itself.
+    field = f"1 / {estimate.field}" if estimate.field.startswith(FILE) else estimate.field
     return replace(
         estimate,
         name=name,
+        field=field,
         unit=unit,
         value=1 / estimate.value,
         std=None if estimate.std is None else estimate.std / estimate.value**2,
