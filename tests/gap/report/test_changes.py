@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 
+import pytest
+
 from walkerkit.gap.report.changes import changes
 from walkerkit.gap.report.console import as_text
 from walkerkit.gap.report.diagnosis import Change
+from walkerkit.gap.report.estimates import _inverted
 
 
 def changed(diagnosis, **given):
@@ -23,6 +26,21 @@ def test_what_the_model_did_not_have_is_a_dash(leg):
     one = Change(model="leg", place="FL_calf_joint", was=None, now=17.2)
     (row,) = changes(changed(leg(), changes=(one,)))
     assert (row.was, row.now, row.change) == ("–", "17.20", "–")
+
+
+@pytest.mark.parametrize(
+    ("field", "told"),
+    [
+        ("actuators.json/laws/iron/bend", "1 / actuators.json/laws/iron/bend"),
+        ("joint/stiffness", "joint/stiffness"),
+    ],
+)
+def test_one_over_a_number_of_the_sidecar_says_so(leg, field, told):
+    diagnosis = changed(leg(), field=field, changes=(Change(model="leg", place="", was=0, now=4),))
+    (named,) = diagnosis.effects
+    of = _inverted(named.parameters[0], "effort", "N·m")
+    (row,) = changes(changed(diagnosis, field=of.field, changes=of.changes))
+    assert (row.field, row.was, row.now) == (told, "–", "0.2500")
 
 
 def test_models_that_differ_have_a_row_each(leg):
