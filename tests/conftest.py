@@ -46,6 +46,7 @@ LONGEST = (
     "benchmarks/test_native_rigs.py",
     "tasks/test_vector.py",
     "test_docs.py",
+    "test_example_project.py",
 )
 
 
