@@ -27,6 +27,10 @@ def _servo(robot: Robot, joint: str) -> Drive | None:
     return drive if drive is not None and drive.stiffness > 0 else None
 
 
+# Files are shipped with the gains of nobody's servo: 1, or what looked calm.
+_TIMES_WEAKER, _TIMES_STRONGER = 0.999, 1e3
+
+
 def _kp(robot: Robot, site: str, given: Robot) -> float | None:
     drive = fields.drive_of(robot, site, "position")
     return None if drive is None else drive.stiffness
@@ -80,8 +84,8 @@ class PositionGain(JointEffect):
             Parameter(
                 name="kp",
                 unit="N/m" if robot.joints[site].slide else "N·m/rad",
-                lower=-0.95 * kp,
-                upper=10 * kp,
+                lower=-_TIMES_WEAKER * kp,
+                upper=_TIMES_STRONGER * kp,
                 scale=0.1 * kp,
                 starts=(-0.3 * kp, -0.1 * kp, 0.1 * kp, 0.4 * kp),
             ),
@@ -141,7 +145,7 @@ class VelocityGain(JointEffect):
                 name="kd",
                 unit="N·s/m" if robot.joints[site].slide else "N·m·s/rad",
                 lower=-kd,
-                upper=200 * size,
+                upper=max(200 * size, _TIMES_STRONGER * kd),
                 scale=size,
                 starts=(*less, size, 5 * size),
             ),

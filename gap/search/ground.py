@@ -16,18 +16,20 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect, Parameter
 from walkerkit.gap.search.effort import Progress
-from walkerkit.gap.search.fit import polished
+from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.like_joints import tied
 from walkerkit.gap.search.on_feet import on_feet
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.settle import robustly, settled, trust_in_the_light_of
 from walkerkit.gap.search.slopes import linearised
-from walkerkit.gap.search.structure import Fit, Structure, Term, carried, extended
+from walkerkit.gap.search.structure import Case, Fit, Slot, Structure, Term, carried, extended
+from walkerkit.gap.simulation.robot import Robot
 
 FloatArray = NDArray[np.float64]
 
 _STEPS, _FIRST_STEPS = 8, 4  # of a fit to a part, the most, and up to the first answer
+_FACTORS = (0.01, 0.1, 10.0, 100.0)  # on servo gains, that a fit may begin with
 _PASSES = 2  # of fitting and finding the numerical error again
 _STAGE = "ordinary effects"
 
@@ -59,6 +61,7 @@ def ground(
     found = extended(nothing, terms)
     problem.searched.look_at(nothing.case)
     few = tied(found.structure) if problem.on_feet else None
+    found = _with_gains_of_any_size(problem.screen, found)
     if few is not None:
         return on_feet(problem, effects, few, found, progress=progress, first=first)
     for part in problem.parts:
@@ -71,6 +74,43 @@ def ground(
     if first is not None:
         first(found)
     return found
+
+
+def _with_gains_of_any_size(part: Half, start: Fit) -> Fit:
+    """Where a fit begins: with servo gains that may be off by orders of magnitude.
+
+    A fit would come there in many steps, or not at all, as a servo that is a hundred times too soft
+    lets the robot hang. All joints are tried at once, with kp alone and with kd in proportion; each
+    may begin with what its own channels like best.
+    """
+    objective, structure = part.objective, start.structure
+    own = {
+        k: gain
+        for k, slot in enumerate(structure.slots)
+        if slot.term.effect.part == "gain" and (gain := _given(slot, structure.robots))
+    }
+    values = np.tile(start.values, (1 + 2 * len(_FACTORS), 1))
+    for n, factor in enumerate(_FACTORS, start=1):
+        for k, gain in own.items():
+            values[n + len(_FACTORS), k] = (factor - 1) * gain
+            if structure.slots[k].term.effect.name == "position_gain":
+                values[n, k] = (factor - 1) * gain
+    case = Case(structure=structure, values=np.clip(values, *structure.bounds))
+    (mean_square,) = objective.mean_squares([case])
+    liked = np.nan_to_num(np.log(mean_square + objective.level**2), nan=np.inf)
+    joints = np.array([channel.joint or "" for channel in objective.channels])
+    each = start.values.copy()
+    for k in own:
+        mine = liked[:, joints == structure.slots[k].place]
+        each[k] = case.values[int(np.argmin(mine.sum(axis=1))), k]
+    best, _ = objective.best(case, mean_square)
+    return min([best, *evaluate(objective, [(structure, each)])], key=lambda one: one.score)
+
+
+def _given(slot: Slot, robots: Sequence[Robot]) -> float:
+    """What the models have of a number, on average."""
+    field = slot.term.effect.fields[slot.parameter.name]
+    return float(np.mean([field.read(robot, slot.place, robot) or 0.0 for robot in robots]))
 
 
 def _fitted_to_a_part(

@@ -261,25 +261,27 @@ class _Search:
                 if effect is not term.effect
                 and (term in unmet or effect.name in always or book.has_tried(effect.name))
             ]
-            self._propose(rivals, others, pairs=False, always=always, tamed=term not in unmet)
+            self._propose(
+                rivals, others, instead_of=current, always=always, tamed=term not in unmet
+            )
 
     def _propose(
         self,
         effects: Sequence[Effect],
         current: Fit,
         *,
-        pairs: bool = True,
+        instead_of: Fit | None = None,
         always: Collection[str] = (),
         tamed: bool = True,
     ) -> None:
-        """Enters what some effects promise on top of a fit.
+        """Enters what some effects promise on top of a fit, or instead of what another has besides.
 
         If tamed, also where a few wild blocks do not outvote the rest.
         """
         problem, book = self._problem, self._book
         near = book.slopes(current)
         found = proposals(
-            problem, current, near, effects, self._progress, pairs=pairs, always=always
+            problem, current, near, effects, self._progress, instead_of=instead_of, always=always
         )
         if problem.on_feet:
             # A look takes long there: what it has found is grown upon first.
@@ -291,7 +293,12 @@ class _Search:
         if tame is not None:
             its = near.trusting(tame.fit.objective, current)
             again = proposals(
-                tame, tame.fit.by_own_error(current), its, effects, self._progress, pairs=pairs
+                tame,
+                tame.fit.by_own_error(current),
+                its,
+                effects,
+                self._progress,
+                instead_of=instead_of,
             )
             problem.fit.refine(current)
             found += evaluate(problem.fit.objective, [(one.structure, one.values) for one in again])

@@ -19,7 +19,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.decision import NUMERICAL_LEFT
+from walkerkit.gap.search.decision import NUMERICAL_LEFT, TAILS
 from walkerkit.gap.search.effort import spend
 from walkerkit.gap.search.known_error import KnownError
 from walkerkit.gap.search.numerical_error import NumericalError, Way
@@ -464,9 +464,14 @@ class Objective:
         return _SAMPLES_OF_PRIOR * self.samples
 
     def penalty(self, structure: Structure, values: FloatArray) -> FloatArray:
-        """(n, n_parameters) values → (n,) what their priors add to the score."""
+        """(n, n_parameters) values → (n,) what their priors add to the score.
+
+        With the tails of the comparison: a number that is a hundred times what is plausible is
+        drawn as little as one that is ten times that.
+        """
         away = (values - structure.zero) / structure.prior
-        penalty: FloatArray = 0.5 * np.sum(away**2, axis=-1) / self.prior_samples
+        density = 0.5 * (TAILS + 1) * np.log1p(away**2 / TAILS).sum(axis=-1)
+        penalty: FloatArray = density / self.prior_samples
         return penalty
 
     def weights(self, mean_square: FloatArray) -> FloatArray:

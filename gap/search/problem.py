@@ -23,7 +23,7 @@ from walkerkit.gap.search.objective import Objective, refine
 from walkerkit.gap.search.recent import Recent
 from walkerkit.gap.search.restarts import by_chance, of_restarts
 from walkerkit.gap.search.structure import Case, Fit, Structure, Term
-from walkerkit.gap.simulation.branches import met
+from walkerkit.gap.simulation.branches import largest, met
 from walkerkit.gap.simulation.channel import Channel, base_channels, estimate_error
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.excursion import excursions
@@ -38,11 +38,11 @@ _SCORED = (
     *("position", "effort"),
     *("base_position", "base_orientation", "base_angular_velocity"),
 )
-# A floating base has many channels, which tell as much in less time, and of which each number moves
-# all, so that each has to be simulated on its own.
-_MOST_STEPS, _MOST_STEPS_ON_FEET = 40_000, 6_000
+# A branch of many joints has many channels, which tell as much in less time, and of which each
+# number moves all, so that each has to be simulated on its own: steps go down as joints go up.
+_MOST_STEPS, _OF_SO_FEW_JOINTS = 40_000, 3
 _TIMESTEP = 2e-3  # s, MuJoCo's own; parts are simulated no finer where that tells as much
-_MOST_WHOLE = 80_000
+_MOST_WHOLE = 2.0  # times what is fitted in stretches
 _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
 _MOST_PARTS = 8  # that are kept, with their numerical errors
@@ -121,7 +121,9 @@ class Problem:
 
         Each stretch starts from a measured state, whose noise draws the values a little.
         """
-        if not self.told_soon(self.fit):
+        fitted = sum(replay.steps for replay in self.fit.objective.replays)
+        long = sum(replay.steps for replay in self.fit.told) > _MOST_WHOLE * fitted
+        if self.window is not None or long:
             return self.fit
         told = self.fit.told
 
@@ -176,10 +178,6 @@ class Problem:
         return replace(
             self, robots=tuple(robots.values()), fit=read(self.fit), held=read(self.held)
         )
-
-    def told_soon(self, half: Half) -> bool:
-        """Whether a half is told of over whole rollouts, which do not take too long."""
-        return self.window is None and sum(replay.steps for replay in half.told) <= _MOST_WHOLE
 
     def terms(self, effects: Sequence[Effect]) -> tuple[Term, ...]:
         """Each of some effects wherever it may be, as far as the user leaves that open."""
@@ -366,7 +364,8 @@ def build(
             found.append(tuple(every[k] for k in some))
         return tuple(found)
 
-    enough = _MOST_STEPS_ON_FEET if on_feet else _MOST_STEPS
+    joined = max(largest(robot) for robot in sized)
+    enough = _MOST_STEPS * _OF_SO_FEW_JOINTS // max(_OF_SO_FEW_JOINTS, joined)
     gaps, told = None, None
     if on_feet:
         # Few of so many windows are fitted, and a foot may slip in others.
@@ -381,7 +380,7 @@ def build(
     parts = Latest(_MOST_PARTS)
 
     def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:
-        most = most * enough // _MOST_STEPS  # as much of what is fitted on feet as of others
+        most = most * enough // _MOST_STEPS  # as much of what is fitted as of few joints
         small = share(fitted, most)
         if small == 1:
             return fit

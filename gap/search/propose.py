@@ -36,6 +36,7 @@ _FITTED, _REFITS = 4, 4  # of those that promise most of all, and steps of a fit
 _OF_THE_LEAST = 0.7  # of the smallest gain worth a name, which more recordings may make up
 _MORE_THAN_ONE = 0.2  # by which two together promise more than any one, summed over the channels
 _HOPE = 0.5  # of the smallest gain worth a name, which a promise may fall short of
+_STANDS_IN = 0.5  # of what an effect brings, that what could be in its place has to promise
 
 
 def proposals(
@@ -45,8 +46,8 @@ def proposals(
     effects: Sequence[Effect],
     progress: Progress | None = None,
     *,
-    pairs: bool = True,
     always: Collection[str] = (),
+    instead_of: Fit | None = None,
 ) -> list[Fit]:
     """Fits the effects that promise most on top of a fit.
 
@@ -56,8 +57,9 @@ def proposals(
         near: its slopes on all recordings that are fitted, for others to begin with.
         effects: those that may be added.
         progress: called now and then.
-        pairs: also two at once, which may need each other.
         always: names of effects that are fitted whatever they promise.
+        instead_of: the fit with an effect that these are to stand in for: what promises little of
+            what that brings is not fitted.
 
     Returns:
         Fits to all recordings that are fitted, best first.
@@ -70,9 +72,10 @@ def proposals(
         progress(stage, 0.0)
     problem.searched.look_at(current.case)
     problem.screen.refine(current)
-    view = look(problem.screen, current, terms)
-    chosen = _chosen(problem, view, always)
-    if pairs:
+    least = _brought(problem.screen.objective, current, instead_of)
+    view = look(problem.screen, current, terms, least)
+    chosen = _chosen(problem, view, always, least)
+    if instead_of is None:
         chosen += [view.start(pair) for pair in _pairs(view)]
     if not _rare(current.structure) and not problem.on_feet:
         chosen += afresh(problem.screen, current, terms, most=_BY_START)
@@ -97,7 +100,8 @@ def proposals(
     hopeful = [one for one in starts if one.score < there.score]
     promised = promises(objective, hopeful, near)
     order = sorted(range(len(hopeful)), key=lambda k: promised[k])
-    reach = own.score - _OF_THE_LEAST * least_gain(problem)
+    worth = max(_OF_THE_LEAST * least_gain(problem), _brought(objective, own, instead_of))
+    reach = own.score - worth
     best = [hopeful[k] for k in order if promised[k] < reach][:_FITTED]
     # A general law promises more than its plain case, to which it may have to give way.
     plain = {name for one in best for name in one.structure.terms[-1].effect.extends}
@@ -134,6 +138,14 @@ def _where_it_stays_within_bounds(objective: Objective, one: Fit, near: Slopes |
         (one,) = polished(objective, [start], near, iterations=_REFITS, certain=False)
 
 
+def _brought(objective: Objective, without: Fit, one: Fit | None) -> float:
+    """What part of the gain of a fit beside another what stands in for it has to promise."""
+    if one is None:
+        return 0.0
+    before, after = evaluate(objective, [(f.structure, f.values) for f in (without, one)])
+    return max(0.0, _STANDS_IN * (before.score - after.score))
+
+
 def _is_of(one: Fit, names: Collection[str]) -> bool:
     return one.structure.terms[-1].effect.name in names
 
@@ -166,20 +178,20 @@ def _rare(structure: Structure) -> list[Term]:
 
 
 def _chosen(
-    problem: Problem, view: View, always: Collection[str]
+    problem: Problem, view: View, always: Collection[str], least: float
 ) -> list[tuple[Structure, FloatArray]]:
-    """Where the singles that promise most begin."""
+    """Where the singles that promise most begin, of those that promise enough."""
     able = [i for i, one in enumerate(view.candidates) if one.tries]
     promised = {i: view.promise([i]) for i in able}
     named = [i for i in able if view.candidates[i].term.effect.name in always]
-    least = _HOPE * least_gain(problem)
+    hope = max(least, _HOPE * least_gain(problem))
     order = sorted(able, key=promised.__getitem__)
-    hopeful = [i for i in order if view.score - promised[i] > least]
-    by_promise = hopeful[:_BY_PROMISE] or order[:_FEWEST]
+    hopeful = [i for i in order if view.score - promised[i] > hope]
+    by_promise = hopeful[:_BY_PROMISE] or ([] if least else order[:_FEWEST])
     # A promise is a straight line, which leads astray where the model is far from the robot.
     started = evaluate(problem.screen.objective, [view.start([i]) for i in able])
     score = {i: one.score for i, one in zip(able, started, strict=True)}
-    by_start = [i for i in sorted(able, key=score.__getitem__) if score[i] < view.score]
+    by_start = [i for i in sorted(able, key=score.__getitem__) if score[i] < view.score - least]
     kept = dict.fromkeys([*named, *by_promise, *by_start[:_BY_START]])
     instead = (view.instead(i) for i in kept)
     return [*(view.start([i]) for i in kept), *(one for one in instead if one is not None)]

@@ -36,6 +36,7 @@ _RIDGE = 1e-6  # of a change's own size
 _OF_THE_BEST = 0.5  # of its promise, which an effect has to reach to be looked at joint by joint
 _MOST_HOPEFUL, _MOST_APART = 16, 6  # effects that are tried place by place; usually shared ones
 _MAGNITUDES = 2  # of an effect, that are tried at each place
+_MOST_HIDDEN = 4  # places that are tried though they seem to promise nothing
 _MOST_ROWS = 192  # of tries at single places; beyond that one magnitude and fewer effects
 _ALIKE = 0.8  # the cosine between what two effects change, from which one can stand in
 _NEEDED = 0.02  # a place that promises less, summed over the channels, is left out
@@ -315,7 +316,7 @@ def _best_within(
     return best
 
 
-def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
+def look(half: Half, current: Fit, terms: Sequence[Term], least: float = 0.0) -> View:
     """Simulates every term at its magnitudes on top of a fit.
 
     Args:
@@ -323,6 +324,7 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
         current: what is already explained.
         terms: the effects. One that all joints share is also looked at with a value for each,
             where what it changes of each joint, by as much as suits that joint, promises anything.
+        least: what has to be taken off the score for an effect to be looked at place by place.
 
     Returns:
         The view, with a candidate per term in their order, and then those with a value for each.
@@ -335,17 +337,19 @@ def look(half: Half, current: Fit, terms: Sequence[Term]) -> View:
     nuisance = np.concatenate([felt, objective.numerical.changes])
     follow = _followers(felt)
     left = _without(follow, slopes.residual[None].astype(np.float32))[0]
-    hopeful = _hopeful(objective, current, simulated, left, follow, terms, _MOST_HOPEFUL)
+    known = objective, current, simulated, left, follow
+    hopeful = _hopeful(*known, terms, _MOST_HOPEFUL, least)
     found = _simulate(objective, current, simulated, hopeful)
     view = View(objective, current, simulated, nuisance, found, slopes)
     best = view.channels * (view.score - min(view.promise([i]) for i in range(len(terms))))
-    least = max(_NEEDED, _OF_THE_BEST * best)
+    half_of_it = max(_NEEDED, _OF_THE_BEST * best)
     apart = [
         replace(term, shared=False)
         for term, one in zip(terms, found, strict=True)
-        if term.shared and _promise_apart(objective, left, _without(follow, one.changes)) > least
+        if term.shared
+        and _promise_apart(objective, left, _without(follow, one.changes)) > half_of_it
     ]
-    hopeful = _hopeful(objective, current, simulated, left, follow, apart, _MOST_APART)
+    hopeful = _hopeful(*known, apart, _MOST_APART, least)
     view.extend(_simulate(objective, current, simulated, hopeful))
     return view
 
@@ -363,11 +367,13 @@ def _hopeful(
     follow: Sequence[Single],
     terms: Sequence[Term],
     count: int,
+    least: float,
 ) -> list[Tries]:
     """The magnitudes of every term that are worth a simulation of their own at each place.
 
     An effect of many places is first tried at all of them at once. What then promises least, for
-    whatever multiple of the change each channel may take, is not tried further.
+    whatever multiple of the change each channel may take, is not tried further; nor at joints
+    whose own channels promise nothing.
 
     Args:
         objective: the recordings.
@@ -377,6 +383,7 @@ def _hopeful(
         follow: as `_followers` has it.
         terms: the effects.
         count: how many effects of many places are tried at each.
+        least: what such an effect has to take off the score.
     """
     tries = [tries_of(current, term) for term in terms]
     several = [k for k, one in enumerate(tries) if len(one.term.places) > 1]
@@ -390,13 +397,16 @@ def _hopeful(
             promised[k] = _promises(objective, left, changes)
     # What one joint lacks is not to drown in what the others would take of their noise.
     most = {k: _largest(one @ of_joint.T) for k, one in promised.items()}
-    hopeful = [k for k in sorted(several, key=lambda k: -most[k])[:count] if most[k] > 0]
+    enough = {k for k, one in promised.items() if _largest(one.mean(axis=1)) >= least}
+    ordered = sorted(enough, key=lambda k: (-most[k], k))
+    hopeful = [k for k in ordered[:count] if most[k] > 0]
     for magnitudes in range(_MAGNITUDES, 0, -1):
         some = {
             k: tries[k].some(_best_magnitudes(tries[k], promised[k], joints, magnitudes))
             for k in hopeful
         }
-        rows = np.cumsum([1 + objective.moves(one.branches).row.max() for one in some.values()])
+        moves = [objective.moves(one.branches) for one in some.values()]
+        rows = np.cumsum([1 + one.row.max(initial=-1) for one in moves])
         if not (rows > _MOST_ROWS).any():
             break
     kept = hopeful[: max(1, int(np.sum(rows <= _MOST_ROWS)))]
@@ -410,7 +420,9 @@ def _best_magnitudes(
 ) -> list[int]:
     """Indices of the tries that promise most in the channels of their own place, few for each.
 
-    With the best of those that go the other way, where none of them does.
+    With the best of those that go the other way, where none of them does. Of many places only the
+    first few are tried where their own channels promise less than is needed: what all others change
+    besides may hide one of them, though not from behind so many.
 
     Args:
         tries: the tries.
@@ -418,7 +430,8 @@ def _best_magnitudes(
         joints: (n_scored,) whose channel each is.
         count: how many magnitudes.
     """
-    kept = []
+    kept: dict[str, list[int]] = {}
+    most: dict[str, float] = {}
     for place in dict.fromkeys(tries.places):
         here = [k for k, other in enumerate(tries.places) if other == place]
         own = [joint == place for joint in joints]
@@ -428,8 +441,10 @@ def _best_magnitudes(
         # What the other places change besides may hide which way this one is off.
         ways = [np.sign(tries.values[k]).tolist() for k in here]
         opposite = [k for k in order if all(ways[k] == [-s for s in ways[b]] for b in best)]
-        kept += [here[k] for k in sorted([*best, *opposite[:1]])]
-    return kept
+        kept[place] = [here[k] for k in sorted([*best, *opposite[:1]])]
+        most[place] = _largest(merit) if any(own) else np.inf
+    first = sorted(kept, key=lambda place: -most[place])[:_MOST_HIDDEN]
+    return [k for place, ks in kept.items() if place in first or most[place] >= _NEEDED for k in ks]
 
 
 def _followers(slopes: FloatArray) -> list[Single]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.search.decision import TAILS
 from walkerkit.gap.search.objective import Moves, Objective, simulated_each
 from walkerkit.gap.search.structure import Case, Fit, Structure, found_in
 
@@ -255,7 +256,6 @@ def posterior_equations(
     normal, gradient = normal_equations(objective, one, slopes)
     scale = one.structure.scale / one.structure.prior
     away = (one.values - one.structure.zero) / one.structure.prior
-    return (
-        normal + np.diag(scale**2 / objective.prior_samples),
-        gradient + scale * away / objective.prior_samples,
-    )
+    # The curvature of a normal distribution that is as steep there, which is never negative.
+    steep = scale * (TAILS + 1) / (TAILS + away**2) / objective.prior_samples
+    return normal + np.diag(scale * steep), gradient + steep * away

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 import mujoco
@@ -35,6 +36,13 @@ def branches(robot: Robot) -> tuple[Mapping[str, int], Mapping[str, int]]:
     joints = {name: branch[model.dof_treeid[joint.dof]] for name, joint in robot.joints.items()}
     of_body = {name: int(model.body_treeid[model.body(name).id]) for name in robot.bodies}
     return joints, {name: branch[tree] for name, tree in of_body.items() if tree >= 0}
+
+
+def largest(robot: Robot) -> int:
+    """Degrees of freedom of the largest branch, which a change in one place may all move."""
+    model = robot.model
+    branch = _joined(model, robot.met)
+    return max(Counter(branch[tree] for tree in model.dof_treeid).values(), default=0)
 
 
 def met(robot: Robot, recordings: Sequence[Recording]) -> frozenset[tuple[int, int]] | None:
