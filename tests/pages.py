@@ -67,11 +67,26 @@ def _run(language: str, code: str) -> None:
     # What is imported already costs a block seconds in a process of its own.
     if language == "python":
         exec(compile(code, "<block>", "exec"), {"__name__": "__main__"})
-    elif all(line.startswith(("walkerkit ", "#")) for line in code.splitlines()):
-        for line in code.splitlines():
-            _program(shlex.split(line, comments=True))
     else:
-        _shell(code)
+        for line in _commands(code):
+            if line.startswith("walkerkit ") and not set(line) & set("|<>&$\\\n"):
+                _program(shlex.split(line, comments=True))
+            else:
+                _shell(line)
+
+
+def _commands(code: str) -> list[str]:
+    """Its lines of `walkerkit`, and between them what is whole to a shell."""
+    parts, within = [""], ""  # within a text that ends with this word
+    for line in code.splitlines(keepends=True):
+        own = line.startswith("walkerkit ") and not within and not parts[-1].endswith("\\\n")
+        begun = re.search(r"<<'(\w+)'$", line)
+        within = begun[1] if begun else "" if line.strip() == within else within
+        if own and not line.endswith("\\\n"):
+            parts += [line.rstrip(), ""]
+        else:
+            parts[-1] += line
+    return [part for part in parts if part.strip()]
 
 
 def _program(words: list[str]) -> None:
