@@ -85,7 +85,7 @@ def ray_cluster() -> Iterator[str]:
     """A Ray cluster that is running already."""
     from ray.cluster_utils import Cluster
 
-    options = {"num_cpus": 2, "include_dashboard": False}
+    options = {"num_cpus": 1, "include_dashboard": False}
     cluster = Cluster(initialize_head=True, head_node_args=options)
     try:
         yield cluster.address
@@ -98,7 +98,7 @@ def dask_cluster() -> Iterator[str]:
     """A Dask cluster that is running already."""
     from distributed import LocalCluster
 
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
     with LocalCluster(**options, silence_logs=50) as cluster:
         yield cluster.scheduler_address
 
@@ -201,18 +201,22 @@ def test_only_the_same_input_is_kept(robots: Path, here: Path, tmp_path: Path) -
     assert (tmp_path / "x").exists()
 
 
-@pytest.mark.parametrize("mine", ["unit-1/model.xml", "unit 2/report.html", "fleet.json"])
-def test_files_of_the_users_own_stay(robots: Path, here: Path, tmp_path: Path, mine: str) -> None:
-    (tmp_path / mine).parent.mkdir(exist_ok=True)
-    (tmp_path / mine).write_text("mine")
-    before = contents(tmp_path)
-    with pytest.raises(gap.InputError, match=rf"{mine}: is in the way.*--overwrite"):
-        gap.diagnose_fleet(robots / "fleet.toml", tmp_path, workers=2, **FEW)
-    assert contents(tmp_path) == before  # and nothing was diagnosed in vain
-    gap.diagnose_fleet(robots / "fleet.toml", tmp_path, workers=2, overwrite=True, **FEW)
-    assert contents(tmp_path) == contents(here)
+def test_files_of_the_users_own_stay(robots: Path, here: Path, tmp_path: Path) -> None:
+    for mine in ("unit-1/model.xml", "unit 2/report.html", "fleet.json"):
+        out = tmp_path / mine.replace("/", " of ")
+        (out / mine).parent.mkdir(parents=True)
+        (out / mine).write_text("mine")
+        before = contents(out)
+        with pytest.raises(gap.InputError, match=rf"{mine}: is in the way.*--overwrite"):
+            gap.diagnose_fleet(robots / "fleet.toml", out, workers=1, **FEW)
+        assert contents(out) == before  # and nothing was diagnosed in vain
+        (tmp_path / "all" / mine).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "all" / mine).write_text("mine")
+    out = tmp_path / "all"
+    gap.diagnose_fleet(robots / "fleet.toml", out, workers=1, overwrite=True, **FEW)
+    assert contents(out) == contents(here)
     # From now on they are the fleet's.
-    gap.diagnose_fleet(robots / "fleet.toml", tmp_path, workers=2, window=0.4, **FEW)
+    gap.diagnose_fleet(robots / "fleet.toml", out, workers=1, window=0.4, **FEW)
 
 
 def test_a_result_of_diagnose_is_none_of_a_fleet(robots: Path, tmp_path: Path) -> None:
