@@ -593,9 +593,9 @@ def test_an_output_that_cannot_be_written_is_refused(
 ODD_LOGS: dict[str, Callable[[Path], object]] = {
     "0.1 s": lambda path: log(path, 25),
     "20 samples": lambda path: log(path, 20),
-    "6 Hz": lambda path: log(path, 60, rate=6.0),
-    "20 kHz": lambda path: log(path, 4000, rate=2e4),
-    "1 MHz": lambda path: log(path, 4000, rate=1e6),
+    "6 Hz": lambda path: log(path, 24, rate=6.0),
+    "20 kHz": lambda path: log(path, 1000, rate=2e4),
+    "1 MHz": lambda path: log(path, 400, rate=1e6),
     "jitter": lambda path: log(path, time=np.arange(300) / RATE + 3e-3 * np.sin(np.arange(300))),
     "lost samples": lambda path: log(
         path, time=np.arange(300) / RATE + 0.4 * (np.arange(300) > 99)

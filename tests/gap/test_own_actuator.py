@@ -58,7 +58,7 @@ def logs(make):
     return [
         gap.record(
             composer.Environment(TrackJoints(make(), excitation=kind), random_state=0),
-            seconds=1.5,
+            seconds=1.0,
             name=kind,
         )
         for kind in ("chirp", "steps", "slow_triangle")

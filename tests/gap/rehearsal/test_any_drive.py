@@ -48,12 +48,12 @@ def test_light_joints_with_much_damping_are_rehearsed(tmp_path, integrator, join
     model = mujoco.MjModel.from_xml_path(str(path))
     damping = model.dof_damping - model.actuator_biasprm[:, 2]
     assert (damping * model.opt.timestep * model.dof_invweight0 > 8).all()  # b h/I
-    logs = rehearse(path, [], seed=2, seconds=2).recordings
+    logs = rehearse(path, [], seed=2, seconds=1).recordings
     found = gap.compare(path, logs)
     assert found.gap.position.before < 3e-3  # rad, of half a radian
     moved = [np.ptp(log.columns[f"{j}/position"]) for log in logs for j in SHOULDER_AND_ELBOW]
     assert min(moved) > 0.2
-    assert rehearse(path, ["viscous_friction"], seed=2, seconds=2).hidden
+    assert rehearse(path, ["viscous_friction"], seed=2, seconds=1).hidden
 
 
 @pytest.mark.parametrize("kind", DRIVES)
@@ -83,7 +83,7 @@ def test_a_motor_is_sent_no_more_than_its_control_takes(tmp_path):
 
 def test_friction_hidden_in_a_robot_under_torque_is_named(tmp_path):
     path = written(tmp_path, DRIVES["motor"], **ORDINARY)
-    rehearsal = rehearse(path, ["coulomb_friction"], seed=3, seconds=3)
+    rehearsal = rehearse(path, ["coulomb_friction"], seed=3, seconds=2)
     found = gap.diagnose(
         path, rehearsal.recordings, effects=["coulomb_friction", "torque_constant", "armature"]
     )

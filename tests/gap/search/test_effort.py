@@ -74,7 +74,7 @@ def test_what_is_stopped_keeps_what_it_has(problem: Problem) -> None:
 def test_the_plain_fit_is_told_before_the_rest(tmp_path: Path) -> None:
     model = tmp_path / "leg.xml"
     model.write_text(LEG)
-    rehearsal = rehearse(model, ["viscous_friction"], seed=1, seconds=2)
+    rehearsal = rehearse(model, ["viscous_friction"], seed=1, seconds=1)
     answers, out = list[FirstAnswer](), tmp_path / "out"
 
     def first(answer: FirstAnswer) -> None:
@@ -99,7 +99,7 @@ def test_the_plain_fit_is_told_before_the_rest(tmp_path: Path) -> None:
 def test_quick_says_what_it_left_out(tmp_path: Path) -> None:
     model = tmp_path / "leg.xml"
     model.write_text(LEG)
-    rehearsal = rehearse(model, ["torque_bias", "payload"], seed=1, seconds=2)
+    rehearsal = rehearse(model, ["torque_bias", "payload"], seed=1, seconds=1)
     effects = ["viscous_friction", "torque_bias", "payload"]
     found = gap.diagnose(model, rehearsal.recordings, effects=effects, effort="quick").diagnosis
     again = gap.diagnose(model, rehearsal.recordings, effects=effects, effort="quick").diagnosis
