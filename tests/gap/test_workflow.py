@@ -1017,23 +1017,25 @@ def test_results_depend_neither_on_threads_nor_on_hashes(
         files.append(tmp_path / f"{recording.name}.csv")
         recording.save(files[-1])
     few = ("viscous_friction", "velocity_gain")
-    folders = [tmp_path / name for name in ("one", "two", "three")]
-    for folder, threads, hashes in zip(folders[:2], "12", "01", strict=True):
-        command = ["diagnose", servo, *files, "--out", folder, "--threads", threads]
-        command += [f"--effect={effect}" for effect in few]
-        done = subprocess.run(
-            [sys.executable, "-m", "walkerkit.gap", *map(str, command)],
-            capture_output=True,
-            env={**os.environ, "PYTHONHASHSEED": hashes},
-            timeout=100,
-            check=False,
-        )
-        assert (done.returncode, without_progress(done.stderr.decode())) == (0, "")
-    workflow.diagnose(servo, files, effects=few, n_threads=1, out=folders[2])
-    first, *others = (content(folder) for folder in folders)
+    command = ["diagnose", servo, *files, "--out", tmp_path / "one", "--threads", 2]
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "walkerkit.gap",
+            *map(str, command),
+            *map("--effect={}".format, few),
+        ],
+        capture_output=True,
+        env={**os.environ, "PYTHONHASHSEED": "1"},  # here it is drawn
+        timeout=100,
+        check=False,
+    )
+    assert (done.returncode, without_progress(done.stderr.decode())) == (0, "")
+    workflow.diagnose(servo, files, effects=few, n_threads=1, out=tmp_path / "two")
+    first, other = (content(tmp_path / name) for name in ("one", "two"))
     assert "next_experiment.csv" in first  # there is a confusion set, so that order can matter
-    for other in others:
-        assert other == first
+    assert other == first
 
 
 def content(folder: Path) -> dict[str, bytes]:

@@ -155,7 +155,7 @@ def test_the_ground_can_be_hidden_under_a_robot_that_keeps_standing(
     tmp_path: Path, effect: str
 ) -> None:
     path = write_standing(tmp_path)
-    found = rehearse(path, [effect], seed=1, seconds=2.0)
+    found = rehearse(path, [effect], seed=1, seconds=1.0)
     assert [one.effect for one in found.hidden] == [effect]
     home = mujoco.MjModel.from_xml_path(str(path)).key_qpos[0, 2]
     for recording in found.recordings:
