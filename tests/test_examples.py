@@ -62,7 +62,7 @@ class TestRealLogs:
         example = _example(repository, "double_pendulum", monkeypatch)
         held_out = [Path(name).stem for name in example.HELD_OUT]
         fitted = ("20230629-143339", "20230629-143524", "20230629-143601", "20230629-143906")
-        cut("double_pendulum", 5.0, *fitted, *held_out)
+        cut("double_pendulum", 3.5, *fitted, *held_out)
         few = ("viscous_friction", "coulomb_friction", "armature")
         result = example.main(tmp_path / "out", few)
         named = {effect.effect: effect for effect in result.diagnosis.effects}

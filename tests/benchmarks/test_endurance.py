@@ -13,9 +13,9 @@ from walkerkit.walkers import ServoBench
 
 def test_delays_do_not_drift_and_steps_keep_no_memory():
     # What steps keep, they keep every time; what tests before left may be moved once.
-    runs = [endurance.step_on(3_000) for _ in range(3)]
+    runs = [endurance.step_on(1_500) for _ in range(3)]
     assert max(drift for drift, _ in runs) < 1e-12
-    assert min(grown for _, grown in runs) < 500_000
+    assert min(grown for _, grown in runs) < 250_000
 
 
 def test_a_drift_would_show(monkeypatch):

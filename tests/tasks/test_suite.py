@@ -16,7 +16,7 @@ from walkerkit.actuators.drivetrain import TorqueSpeedLimit
 from walkerkit.actuators.randomization import Randomization
 from walkerkit.tasks import JointEffortAction, JointPositionAction, suite
 
-STEPS = 200
+STEPS = 80
 MOTORS = (
     ("walker", "walk"),
     ("walker", "stand"),

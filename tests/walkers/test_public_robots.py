@@ -65,8 +65,11 @@ def test_h1_with_its_scene(h1):
     assert list(robot.places) == list(read_robot(h1).places)
 
 
-@pytest.mark.parametrize("make_task", [go_to_target_task, corridor_task])
-def test_in_tasks(path, make_task):
+@pytest.mark.parametrize(
+    ("robot", "make_task"), [("go1", corridor_task), ("h1", go_to_target_task)]
+)
+def test_in_tasks(robot, make_task, request):
+    path = request.getfixturevalue(robot)
     model = plain(path)
     names = driven(model) or (".*",)
     cfg = IdealPdActuatorCfg(joint_names_expr=names, stiffness=40.0, damping=1.0, armature=0.05)
