@@ -466,11 +466,11 @@ class Objective:
     def penalty(self, structure: Structure, values: FloatArray) -> FloatArray:
         """(n, n_parameters) values → (n,) what their priors add to the score.
 
-        With the tails of the comparison: a number that is a hundred times what is plausible is
-        drawn as little as one that is ten times that.
+        Normal near zero, with the tails of the comparison: what is many times as large as is
+        plausible is drawn to it the less, the larger it is.
         """
         away = (values - structure.zero) / structure.prior
-        density = 0.5 * (TAILS + 1) * np.log1p(away**2 / TAILS).sum(axis=-1)
+        density = 0.5 * TAILS * np.log1p(away**2 / TAILS).sum(axis=-1)
         penalty: FloatArray = density / self.prior_samples
         return penalty
 

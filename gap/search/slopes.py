@@ -257,5 +257,5 @@ def posterior_equations(
     scale = one.structure.scale / one.structure.prior
     away = (one.values - one.structure.zero) / one.structure.prior
     # The curvature of a normal distribution that is as steep there, which is never negative.
-    steep = scale * (TAILS + 1) / (TAILS + away**2) / objective.prior_samples
+    steep = scale * TAILS / (TAILS + away**2) / objective.prior_samples
     return normal + np.diag(scale * steep), gradient + steep * away
