@@ -86,7 +86,7 @@ print(json.dumps(dict(
     seconds=found.seconds, gib=(own + others) / 2**20, before=found.gap.position.before,
     after=found.gap.position.after, named=[one.effect for one in found.effects],
     estimates=[
-        [one.name, one.place, one.value, one.std] for e in found.effects for one in e.estimates
+        [one.name, one.place, one.value, one.std] for e in found.effects for one in e.parameters
     ],
 )))
 """

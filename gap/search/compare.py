@@ -238,7 +238,8 @@ def leaves_smaller_gaps(
     """Whether gaps are smaller by what is worth a name.
 
     In the mean of the channels, or twice as much at some joint. Over all blocks, or in the typical
-    one: a few wild blocks hold most of a root mean square.
+    one: a few wild blocks hold most of a root mean square. What is below the floor is as small as
+    the floor.
 
     Args:
         before: (n_blocks, n_scored) sums of squares of the gaps.
@@ -248,6 +249,7 @@ def leaves_smaller_gaps(
         joints: (n_scored,) joint of each channel.
     """
     there = count > 0
+    before, after = (np.maximum(squares, count * floor**2) for squares in (before, after))
     each = [squares / np.maximum(count, 1) + floor**2 for squares in (before, after)]
     typical = np.sum(0.5 * np.log(each[0] / each[1]) * there, axis=0)
     typical /= np.maximum(there.sum(axis=0), 1)
