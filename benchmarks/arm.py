@@ -134,9 +134,7 @@ def write_logs(folder: Path, *, seconds: float, seed: int = 0) -> list[Path]:
         robot, targets, rate=RATE, hidden=[dry], seed=seed, names=SIGNALS
     ):
         path = folder / f"{recording.name}.csv"
-        header = ",".join(["time", *recording.columns])
-        rows = np.column_stack([recording.time, *recording.columns.values()])
-        np.savetxt(path, rows, delimiter=",", header=header, comments="")
+        recording.save(path)
         found.append(path)
     return found
 

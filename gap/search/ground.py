@@ -89,6 +89,8 @@ def _with_gains_of_any_size(part: Half, start: Fit) -> Fit:
         for k, slot in enumerate(structure.slots)
         if slot.term.effect.part == "gain" and (gain := _given(slot, structure.robots))
     }
+    if not own:
+        return start
     values = np.tile(start.values, (1 + 2 * len(_FACTORS), 1))
     for n, factor in enumerate(_FACTORS, start=1):
         for k, gain in own.items():
@@ -108,8 +110,10 @@ def _with_gains_of_any_size(part: Half, start: Fit) -> Fit:
 
 
 def _given(slot: Slot, robots: Sequence[Robot]) -> float:
-    """What the models have of a number, on average."""
-    field = slot.term.effect.fields[slot.parameter.name]
+    """What the models have of a number, on average; 0 of one that is in none of their files."""
+    field = slot.term.effect.fields.get(slot.parameter.name)
+    if field is None:
+        return 0.0
     return float(np.mean([field.read(robot, slot.place, robot) or 0.0 for robot in robots]))
 
 

@@ -15,7 +15,6 @@ from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.compare import Member, leaves_smaller_gaps
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
 from walkerkit.gap.search.fit import evaluate
-from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.settle import robustly, settled
@@ -70,11 +69,13 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
         starts = evaluate(
             objective, [(one, carried(found.values, found.structure, one)) for one in fewer]
         )
+        here = slopes.far_score(objective, np.zeros_like(found.values))
         astray = [
             (start.score, unit, start)
             for unit, start in zip(units, starts, strict=True)
             if unit not in tried
-            and start.score - found.score < _KEEPS * _foretold(objective, found, slopes, unit)
+            and start.score - found.score
+            < _KEEPS * (slopes.far_score(objective, _out(found, unit)) - here)
         ]
         if not astray:
             break
@@ -95,14 +96,11 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
     return found, slopes
 
 
-def _foretold(objective: Objective, one: Fit, slopes: Slopes, unit: tuple[str, str]) -> float:
-    """By how much the score rises, by slopes, where an effect at a place is left out."""
+def _out(one: Fit, unit: tuple[str, str]) -> FloatArray:
+    """(n_parameters,) the step, in scales, that leaves an effect at a place out."""
     structure = one.structure
-    out = np.array([slot.key[:2] == unit for slot in structure.slots])
-    step = np.where(out, (structure.zero - one.values) / structure.scale, 0.0)
-    residuals = np.stack([slopes.far(objective, far) for far in (step, np.zeros_like(step))])
-    after, before = objective.score(objective.mean_square(residuals))
-    return float(after - before)
+    own = [slot.key[:2] == unit for slot in structure.slots]
+    return np.where(own, (structure.zero - one.values) / structure.scale, 0.0)
 
 
 def all_estimated(problem: Problem, found: Fit) -> Fit:

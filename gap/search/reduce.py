@@ -108,9 +108,7 @@ class _Reduction:
 
     def _score(self, dropped: Sequence[Unit]) -> float:
         """The score without some units, with the numerical error within its bounds."""
-        residual = self._slopes.far(self._objective, self._moved(dropped))
-        mean_square = self._objective.mean_square(residual[None])
-        return float(self._objective.score(mean_square)[0])
+        return self._slopes.far_score(self._objective, self._moved(dropped))
 
     @property
     def whole(self) -> Member:

@@ -75,6 +75,11 @@ class Slopes:
         objective.take_out_factors(far[None])  # in place
         return far
 
+    def far_score(self, objective: Objective, step: FloatArray) -> float:
+        """The score after a step, however long."""
+        residual = self.far(objective, step)
+        return float(objective.score(objective.mean_square(residual[None]))[0])
+
     def correct(self, objective: Objective) -> None:
         """Takes out the numerical error."""
         self.residual, self.jacobian = objective.corrected(self.residual, self.jacobian)

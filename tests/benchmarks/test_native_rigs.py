@@ -31,7 +31,7 @@ def test_what_is_hidden_in_a_leg_under_torque_is_found() -> None:
 
 
 def test_nothing_is_found_where_nothing_is_hidden_but_a_finer_timestep() -> None:
-    found = diagnosed((replace(scenario("leg: nothing"), seconds=3.0), 0))
+    found = diagnosed((replace(scenario("leg: nothing"), seconds=4.0), 0))
     assert found.right
     assert not found.sure_and_wrong
 

@@ -45,7 +45,7 @@ class IronSaturationEffect(LawEffect):
     part = "strength"
     equation = "τ / √(1 + (b τ)²), b: bend [1/(N·m)]; the log shows τ"
     symptom = "grows with the cube of the effort"
-    source = "saturation of a stator: J. Pieper, Dealing with stator magnetic saturation, 2020"
+    source = "a curve of our own, of slope 1 at rest, that levels off as the iron fills"
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """The bend, of a size that shows at the efforts of the log."""
