@@ -97,7 +97,7 @@ def _covariance(
     known = (
         np.concatenate(
             [
-                (one.structure.scale / one.structure.prior) ** 2,
+                one.structure.prior_curvature(one.values),
                 12 / np.ptp(error.bounds, axis=1) ** 2,
             ]
         )

@@ -82,7 +82,7 @@ class Member:
             if name not in doubted
         )
         sized = [k for k in self.kept if not structure.slots[k].parameter.choice]
-        away = ((self.values - structure.zero) / structure.prior)[sized]
+        away = structure.away(self.values)[sized]
         return kinds - 0.5 * (TAILS + 1) * float(np.log1p(away**2 / TAILS).sum())
 
 

@@ -19,7 +19,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.decision import NUMERICAL_LEFT, TAILS
+from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.effort import spend
 from walkerkit.gap.search.known_error import KnownError
 from walkerkit.gap.search.numerical_error import NumericalError, Way
@@ -464,15 +464,8 @@ class Objective:
         return _SAMPLES_OF_PRIOR * self.samples
 
     def penalty(self, structure: Structure, values: FloatArray) -> FloatArray:
-        """(n, n_parameters) values → (n,) what their priors add to the score.
-
-        Normal near zero, with the tails of the comparison: what is many times as large as is
-        plausible is drawn to it the less, the larger it is.
-        """
-        away = (values - structure.zero) / structure.prior
-        density = 0.5 * TAILS * np.log1p(away**2 / TAILS).sum(axis=-1)
-        penalty: FloatArray = density / self.prior_samples
-        return penalty
+        """(n, n_parameters) values → (n,) what their priors add to the score."""
+        return structure.surprise(values) / self.prior_samples
 
     def weights(self, mean_square: FloatArray) -> FloatArray:
         """(n_scored,) factors that make ½ Σ w r² change as the score does near these gaps."""

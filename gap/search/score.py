@@ -150,8 +150,7 @@ class Scoring:
                 for weighted, own in zip(self._weighted, self._jacobians, strict=True)
             ]
         )
-        ratio = one.structure.scale / one.structure.prior
-        self._prior = ratio**2 / objective.prior_samples
+        self._prior = one.structure.prior_curvature(one.values) / objective.prior_samples
 
     def scores(
         self, residual: FloatArray, kept: NDArray[np.intp], memory: FloatArray | None = None

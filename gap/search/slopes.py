@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.decision import TAILS
 from walkerkit.gap.search.objective import Moves, Objective, simulated_each
 from walkerkit.gap.search.structure import Case, Fit, Structure, found_in
 
@@ -259,8 +258,8 @@ def posterior_equations(
 ) -> tuple[FloatArray, FloatArray]:
     """As `normal_equations`, with the priors of the parameters."""
     normal, gradient = normal_equations(objective, one, slopes)
-    scale = one.structure.scale / one.structure.prior
-    away = (one.values - one.structure.zero) / one.structure.prior
-    # The curvature of a normal distribution that is as steep there, which is never negative.
-    steep = scale * TAILS / (TAILS + away**2) / objective.prior_samples
-    return normal + np.diag(scale * steep), gradient + steep * away
+    structure = one.structure
+    curved = structure.prior_curvature(one.values) / objective.prior_samples
+    return normal + np.diag(curved), gradient + curved * (
+        one.values - structure.zero
+    ) / structure.scale

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import EVERYWHERE, Effect, Parameter
+from walkerkit.gap.search.decision import TAILS
 from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
@@ -120,6 +121,30 @@ class Structure:
     def prior(self) -> FloatArray:
         """(n_parameters,) standard deviations of the priors, normal about `zero`."""
         return np.array([np.inf if s.term.doubted else s.parameter.prior for s in self.slots])
+
+    def away(self, values: FloatArray) -> FloatArray:
+        """(..., n_parameters) distances from zero, in standard deviations of the priors."""
+        found: FloatArray = (values - self.zero) / self.prior
+        return found
+
+    def surprise(self, values: FloatArray) -> FloatArray:
+        """(..., n_parameters) values → (...) minus the log density of their priors.
+
+        Normal near zero, with the tails of the comparison: what is many times as large as is
+        plausible is drawn to it the less, the larger it is.
+        """
+        found: FloatArray = 0.5 * TAILS * np.log1p(self.away(values) ** 2 / TAILS).sum(axis=-1)
+        return found
+
+    def prior_curvature(self, values: FloatArray) -> FloatArray:
+        """(n_parameters,) of the normal priors that are as steep as these at some values.
+
+        In units of the parameters' scales; unlike the curvature itself it is never negative.
+        """
+        found: FloatArray = (
+            (self.scale / self.prior) ** 2 * TAILS / (TAILS + self.away(values) ** 2)
+        )
+        return found
 
     @cached_property
     def branches(self) -> tuple[int | None, ...]:

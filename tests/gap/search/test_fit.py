@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
+from scipy.optimize import approx_fprime
 from scipy.signal import lfilter
 
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, JointEffect, Parameter
@@ -19,6 +20,7 @@ from walkerkit.gap.search import fit as fit_module
 from walkerkit.gap.search import objective as objectives
 from walkerkit.gap.search import slopes as slopes_module
 from walkerkit.gap.search.certainty import INSENSITIVE, covariance
+from walkerkit.gap.search.decision import TAILS
 from walkerkit.gap.search.fit import evaluate, fit, polish
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.numerical_error import NumericalError
@@ -802,6 +804,26 @@ class TestCovariance:
         stiffness, _, bias = np.sqrt(np.diag(variance)) / tried.prior
         assert stiffness < 0.3
         assert 0.3 < bias <= 1.0
+
+    def test_a_prior_holds_a_number_as_steeply_as_the_fit_is_drawn(self):
+        tried = structure([pendulum()], position_gain=["hip"], torque_bias=["hip"])
+        for far in (0.3, 30.0):
+            values = tried.zero + far * tried.prior
+            steep = approx_fprime(values, tried.surprise, 1e-6 * tried.prior) * tried.scale
+            normal = tried.prior_curvature(values) * (values - tried.zero) / tried.scale
+            np.testing.assert_allclose(normal, steep, rtol=1e-4)
+
+    def test_what_is_far_from_its_prior_is_held_by_it_the_less(self):
+        """Without stiffness nothing is felt of where a spring rests."""
+        robot = pendulum()
+        recording = run(robot, 0.5)
+        tried = structure([sized(robot, recording)], parallel_spring=["hip"])
+        one = objective(robot, [recording])
+        for far in (0.0, 30.0):
+            (found,) = evaluate(one, [(tried, tried.zero + [0.0, far * tried.prior[1]])])
+            variance, _ = covariance(one, found)
+            held = np.sqrt((TAILS + far**2) / TAILS) * tried.prior[1]
+            assert np.sqrt(variance[1, 1]) == pytest.approx(held, rel=0.02)
 
     def test_delays_within_a_timestep_are_not_known_to_be_there(self):
         robot = pendulum()
