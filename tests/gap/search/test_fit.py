@@ -820,7 +820,7 @@ class TestCovariance:
         tried = structure([sized(robot, recording)], parallel_spring=["hip"])
         one = objective(robot, [recording])
         for far in (0.0, 30.0):
-            (found,) = evaluate(one, [(tried, tried.zero + [0.0, far * tried.prior[1]])])
+            (found,) = evaluate(one, [(tried, tried.zero + np.array([0.0, far * tried.prior[1]]))])
             variance, _ = covariance(one, found)
             held = np.sqrt((TAILS + far**2) / TAILS) * tried.prior[1]
             assert np.sqrt(variance[1, 1]) == pytest.approx(held, rel=0.02)
