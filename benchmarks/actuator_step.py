@@ -14,7 +14,7 @@ import numpy as np
 from dm_control import mjcf
 
 from benchmarks import Row
-from benchmarks.timing import in_turns, ratio
+from benchmarks.measured.timing import in_turns, ratio
 from walkerkit.actuators import (
     ActuatorCmd,
     ActuatorGroup,

@@ -75,15 +75,12 @@ _ARM = """
 """
 _KP, _KV = (4000, 6000, 4000, 800, 800, 400), (200, 300, 200, 30, 30, 15)
 _DIAGNOSED = """
-import json, pathlib, re, resource
+import json
+from benchmarks.measured.memory import peak
 from walkerkit import gap
 found = gap.diagnose({model!r}, {logs!r}, n_threads=2).diagnosis
-text = pathlib.Path("/proc/self/status").read_text()
-own = int(re.search(r"VmHWM:\\s+(\\d+)", text).group(1))
-# Of the processes that share the work the largest is known, and there is one beside this.
-others = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
 print(json.dumps(dict(
-    seconds=found.seconds, gib=(own + others) / 2**20, before=found.gap.position.before,
+    seconds=found.seconds, gib=peak(helpers=1), before=found.gap.position.before,
     after=found.gap.position.after, named=[one.effect for one in found.effects],
     estimates=[
         [one.name, one.place, one.value, one.std] for e in found.effects for one in e.parameters

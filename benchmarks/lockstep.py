@@ -18,7 +18,7 @@ from dm_control.locomotion.arenas import floors
 from mujoco.batch import Batch
 
 from benchmarks import Row
-from benchmarks.timing import in_turns, ratio, told
+from benchmarks.measured.timing import in_turns, ratio, told
 from walkerkit.actuators import (
     ActuatorCfg,
     ActuatorCmd,

@@ -38,9 +38,8 @@ _PIECE = 60.0  # s that are simulated and written at a time
 _NOISE = 1e-4  # rad
 _DAMPING = 0.3  # N·m·s/rad, more than the model's
 _TOLD = """
-import re, pathlib
-peak = re.search(r"VmHWM:\\s+(\\d+)", pathlib.Path("/proc/self/status").read_text()).group(1)
-print("peak", peak)
+from benchmarks.measured.memory import peak
+print("peak", peak())
 """
 _STEPS = {
     "imports alone": "from walkerkit.gap.workflow import diagnose\n",
@@ -93,7 +92,7 @@ def peak_of(what: str, log: Path) -> tuple[float, float, str]:
     )
     took = time.perf_counter() - start
     *said, last = done.stdout.splitlines()
-    return int(last.removeprefix("peak ")) / 2**20, took, "; ".join(said)
+    return float(last.removeprefix("peak ")), took, "; ".join(said)
 
 
 def write_log(path: Path, seconds: float) -> Path:

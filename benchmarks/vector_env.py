@@ -16,7 +16,7 @@ from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv
 from shimmy import DmControlCompatibilityV0
 
 from benchmarks import Row
-from benchmarks.timing import in_turns, ratio
+from benchmarks.measured.timing import in_turns, ratio
 from walkerkit.actuators import DelayedActuatorCfg
 from walkerkit.tasks import JointPositionAction, TrackVelocity
 from walkerkit.tasks.vector import WalkerVectorEnv

@@ -15,7 +15,7 @@ from dm_control import composer
 from dm_control.locomotion.arenas import floors
 
 from benchmarks import Row
-from benchmarks.timing import in_turns, ratio, told
+from benchmarks.measured.timing import in_turns, ratio, told
 from walkerkit.actuators import (
     ActuatorCfg,
     BuiltinPositionActuatorCfg,
