@@ -16,6 +16,7 @@ from walkerkit.actuators.builtin_dc_motor import BuiltinDcMotorActuatorCfg
 from walkerkit.actuators.builtin_muscle import BuiltinMuscleActuatorCfg
 from walkerkit.actuators.command import ActuatorCmd
 from walkerkit.actuators.config import ActuatorCfg
+from walkerkit.actuators.config_fields import choice, number
 from walkerkit.actuators.delayed import DelayedActuator, DelayedActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw, Step
 from walkerkit.actuators.explicit import (
@@ -25,7 +26,6 @@ from walkerkit.actuators.explicit import (
     RemotizedPdActuatorCfg,
     pd_parameters,
 )
-from walkerkit.actuators.fields import choice, number
 from walkerkit.actuators.group import ActuatorGroup
 from walkerkit.actuators.inputs import XmlInputsActuatorCfg
 from walkerkit.actuators.laws.dc_motor import DcMotorLaw

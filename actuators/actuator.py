@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators.command import TARGETS, ActuatorCmd
-from walkerkit.actuators.errors import closest
+from walkerkit.actuators.messages import closest
 
 if TYPE_CHECKING:
     from dm_control import mjcf

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from walkerkit.actuators.affine import AffineActuator, Kind
 from walkerkit.actuators.config import TargetedActuatorCfg
-from walkerkit.actuators.fields import number
+from walkerkit.actuators.config_fields import number
 from walkerkit.actuators.general import add_general
 from walkerkit.actuators.selection import Numbers
 

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from walkerkit.actuators.actuator import Random, Rows
 from walkerkit.actuators.builtin import IMPLICIT
 from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.config_fields import choice, number
 from walkerkit.actuators.dc_motor_checks import check_dc_motor
 from walkerkit.actuators.dc_motor_parameters import Input, packed, winding
-from walkerkit.actuators.fields import choice, number
 from walkerkit.actuators.general import add_general
 from walkerkit.actuators.limits import least
 from walkerkit.actuators.selection import Numbers

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from walkerkit.actuators.actuator import Rows
 from walkerkit.actuators.config import TargetedActuatorCfg
-from walkerkit.actuators.fields import number
+from walkerkit.actuators.config_fields import number
 from walkerkit.actuators.general import add_general
 from walkerkit.actuators.selection import Numbers
 from walkerkit.actuators.stateful import StatefulActuator

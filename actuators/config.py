@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
-from walkerkit.actuators.fields import choice, direction, names, number
+from walkerkit.actuators.config_fields import choice, direction, names, number
 from walkerkit.actuators.selection import Numbers
 from walkerkit.actuators.wrong_fields import raise_wrong
 

@@ -25,9 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import Actuator, Random, Rows, rows_of
 from walkerkit.actuators.builtin import BuiltinActuatorCfg
 from walkerkit.actuators.config import ActuatorCfg
-from walkerkit.actuators.errors import listed
-from walkerkit.actuators.fields import number
+from walkerkit.actuators.config_fields import number
 from walkerkit.actuators.laws.lag import DelayLine, Lags, LagSchedule
+from walkerkit.actuators.messages import listed
 from walkerkit.actuators.native import NativeActuator
 from walkerkit.actuators.simulation import Simulation
 

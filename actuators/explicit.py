@@ -18,7 +18,7 @@ from walkerkit.actuators.actuator import Random, Rows
 from walkerkit.actuators.builtin import IMPLICIT
 from walkerkit.actuators.command import TARGETS
 from walkerkit.actuators.config import ActuatorCfg, TargetedActuatorCfg
-from walkerkit.actuators.fields import number
+from walkerkit.actuators.config_fields import number
 from walkerkit.actuators.general import add_general
 from walkerkit.actuators.laws.dc_motor import DcMotorLaw
 from walkerkit.actuators.laws.law import Law

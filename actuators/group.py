@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import Actuator, Random
 from walkerkit.actuators.command import TARGETS, ActuatorCmd
 from walkerkit.actuators.config import TRANSMISSIONS, ActuatorCfg
-from walkerkit.actuators.errors import listed
 from walkerkit.actuators.joined import Joined, joined
+from walkerkit.actuators.messages import listed
 from walkerkit.actuators.selection import narrowed
 from walkerkit.actuators.simulation import Simulation, indexer, last_axis
 from walkerkit.actuators.targeted import in_kinematic_order

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from walkerkit.actuators.actuator import Random, Rows
 from walkerkit.actuators.config import TargetedActuatorCfg
 from walkerkit.actuators.drive import Drive, read_inputs, uncomparable
-from walkerkit.actuators.errors import listed
 from walkerkit.actuators.limits import (
     force_range,
     least,
@@ -31,6 +30,7 @@ from walkerkit.actuators.limits import (
     stated_reach,
     unlimited,
 )
+from walkerkit.actuators.messages import listed
 from walkerkit.actuators.targeted import TargetedActuator, actuators_of, element_ids
 
 if TYPE_CHECKING:

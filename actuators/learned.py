@@ -32,10 +32,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.actuators.config_fields import choice, number
 from walkerkit.actuators.explicit import ExplicitActuatorCfg
-from walkerkit.actuators.fields import choice, number
 from walkerkit.actuators.laws.law import Law
-from walkerkit.actuators.laws.learned import LearnedLaw
+from walkerkit.actuators.laws.learned_law import LearnedLaw
 from walkerkit.actuators.networks.history import History, InputOrder
 from walkerkit.actuators.networks.lstm import Lstm
 from walkerkit.actuators.networks.mlp import Mlp

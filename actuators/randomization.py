@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators.actuator import Actuator, Random, Rows, rows_of
+from walkerkit.actuators.config_fields import choice, names
 from walkerkit.actuators.draws import (
     CUT,
     Distribution,
@@ -37,9 +38,8 @@ from walkerkit.actuators.draws import (
     support,
     vary,
 )
-from walkerkit.actuators.errors import closest, listed
-from walkerkit.actuators.fields import choice, names
 from walkerkit.actuators.group import ActuatorGroup
+from walkerkit.actuators.messages import closest, listed
 from walkerkit.actuators.selection import select
 
 FloatArray = NDArray[np.float64]

@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.messages import closest, listed
 
 FloatArray = NDArray[np.float64]
 Numbers = float | Mapping[str, float]

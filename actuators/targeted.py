@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators.actuator import Actuator, Rows, rows_of, unknown_parameter
 from walkerkit.actuators.config import JOINT_ATTRIBUTES, TargetedActuatorCfg
-from walkerkit.actuators.errors import listed
 from walkerkit.actuators.limits import least, length_range
+from walkerkit.actuators.messages import listed
 from walkerkit.actuators.selection import per_joint, select
 from walkerkit.actuators.simulation import Simulation, viewed
 from walkerkit.actuators.stability import unstable_gains

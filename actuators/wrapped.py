@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from walkerkit.actuators.affine import AffineActuator, Kind
 from walkerkit.actuators.config import TargetedActuatorCfg
+from walkerkit.actuators.config_fields import choice, number
 from walkerkit.actuators.drive import Drive, read_drive
-from walkerkit.actuators.errors import listed
-from walkerkit.actuators.fields import choice, number
+from walkerkit.actuators.messages import listed
 from walkerkit.actuators.selection import Numbers
 from walkerkit.actuators.targeted import actuators_of
 

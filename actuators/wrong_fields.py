@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import MISSING, fields
 from typing import Any
 
-from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.messages import closest, listed
 
 _ALSO_CALLED = {
     "kp": "stiffness",

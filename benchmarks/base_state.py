@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks import Row
 from walkerkit import gap
 from walkerkit.actuators import ActuatorCmd, BuiltinPositionActuatorCfg
-from walkerkit.gap.recordings.base import ANGULAR, LINEAR, POSITION
+from walkerkit.gap.recordings.base_state import ANGULAR, LINEAR, POSITION
 from walkerkit.gap.recordings.recording import BASE, QUATERNION
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hardware_imu import Imu, felt, imu_readings

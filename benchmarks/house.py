@@ -38,7 +38,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("gap.workflow",),
     ("gap.fitted", "gap.steps"),
     ("gap.recorder", "gap.robot_log", "gap.simulated_unit"),
-    ("gap.rehearsal", "gap.own_robot", "gap.fleet", "gap.policy", "gap.ingest.commands"),
+    ("gap.rehearsal", "gap.own_robot", "gap.fleet", "gap.policy", "gap.ingest.import_cli"),
     ("gap", "gap.cli", "gap.__main__"),
 )
 """From the ground up: what stands on a floor imports nothing from above it."""

@@ -44,7 +44,7 @@ FAMILIES = {
     "drive": ("Drive", ("actuation", "laws_drive")),
     "controller": ("Controller", ("laws_controller",)),
     "measurement": ("Timing and measurement", ("timing", "measurement")),
-    "surroundings": ("Surroundings", ("environment", "mount", "ground", "simulation")),
+    "surroundings": ("Surroundings", ("environment", "mount_compliance", "ground", "timestep")),
 }
 PACKAGES = ("gap", "actuators", "walkers", "tasks")
 JOINT = "calf"

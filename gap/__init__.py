@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from walkerkit.gap.fitted import Fitted
     from walkerkit.gap.fleet.fleet import Fleet, diagnose_fleet
     from walkerkit.gap.policy.policy_gap import PolicyGap, policy_gap
-    from walkerkit.gap.policy.robot import PolicyRobot
+    from walkerkit.gap.policy.policy_robot import PolicyRobot
     from walkerkit.gap.recorder import record
     from walkerkit.gap.recordings.recording import Recording
     from walkerkit.gap.report.diagnosis import Diagnosis
@@ -38,7 +38,7 @@ _HOMES = {
     "Fitted": "fitted",
     "Fleet": "fleet.fleet",
     "PolicyGap": "policy.policy_gap",
-    "PolicyRobot": "policy.robot",
+    "PolicyRobot": "policy.policy_robot",
     "Recording": "recordings.recording",
     "Result": "report.result",
     "compare": "workflow",

@@ -19,10 +19,10 @@ import typer
 
 from walkerkit.gap.bar import bar_on_stderr, progress_bar, say, stages
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.ingest.commands import app as ingest_commands
-from walkerkit.gap.own_robot.commands import app as own_robot_commands
-from walkerkit.gap.policy.commands import app as policy_commands
-from walkerkit.gap.report.commands import app as report_commands
+from walkerkit.gap.ingest.import_cli import app as ingest_commands
+from walkerkit.gap.own_robot.own_robot_cli import app as own_robot_commands
+from walkerkit.gap.policy.policy_cli import app as policy_commands
+from walkerkit.gap.report.replay_cli import app as report_commands
 
 if TYPE_CHECKING:
     from walkerkit.gap.search.effort import Effort
@@ -308,7 +308,7 @@ def diagnose_fleet(
     ),
 ) -> None:
     """Diagnose many robots side by side and compare them."""
-    from walkerkit.gap.fleet import console as words
+    from walkerkit.gap.fleet import fleet_console as words
     from walkerkit.gap.fleet.fleet import diagnose_fleet as diagnose_all
 
     console = _console(sys.stdout)

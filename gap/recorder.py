@@ -33,7 +33,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from walkerkit.actuators.errors import closest
+from walkerkit.actuators.messages import closest
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.robot_log import BaseLog, RobotLog
 from walkerkit.tasks.excitation import Excitation

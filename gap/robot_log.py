@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from walkerkit.actuators import ActuatorCmd
 from walkerkit.actuators.drive import Drive, on_joint, read_inputs
-from walkerkit.actuators.errors import listed
+from walkerkit.actuators.messages import listed
 from walkerkit.actuators.targeted import element_ids
 from walkerkit.gap.recordings.recording import TARGETS
 from walkerkit.gap.simulated_unit import Unit

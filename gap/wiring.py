@@ -24,7 +24,7 @@ from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.smooth import Smoothed
-from walkerkit.gap.recordings.wiring import Kind, WiringError, exchanged, rewired
+from walkerkit.gap.recordings.wiring_errors import Kind, WiringError, exchanged, rewired
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import Robot

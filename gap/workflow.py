@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.blas import on_one_thread
 from walkerkit.gap.effects import CATALOGUE, Effect
-from walkerkit.gap.effects.base import add_users_effect, identity, users_effects
+from walkerkit.gap.effects.effect import add_users_effect, identity, users_effects
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.experiments.experiment import Experiment, load_experiments
 from walkerkit.gap.experiments.split import Recordings, is_in_time, split, split_in_time
-from walkerkit.gap.recordings import base
+from walkerkit.gap.recordings import base_state
 from walkerkit.gap.recordings.checks import (
     check_recordings,
     check_seconds,
@@ -366,7 +366,7 @@ def prepare(
     check_seconds(window)
     robots, suiting = [], []
     for experiment in experiments:
-        floating = any(not base.missing(r) or has_imu(r) for r in experiment.recordings)
+        floating = any(not base_state.missing(r) or has_imu(r) for r in experiment.recordings)
         robot = load_robot(experiment.model, floating=floating, allow_outside=allow_outside)
         if robot.path is not None:
             robot = with_sidecar(robot, robot.path)
@@ -425,7 +425,7 @@ def _checked(robot: Robot, recording: Recording) -> Recording:
     """A recording without pauses, with what its signals say of each other."""
     recording = with_checked_velocities(robot, recording)
     if robot.base is not None:
-        recording = base.with_checked_base(with_known_base(robot, recording))
+        recording = base_state.with_checked_base(with_known_base(robot, recording))
     return without_echoes(recording, by_effort_alone(robot, recording))
 
 

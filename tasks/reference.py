@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators import ActuatorCmd
-from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.messages import closest, listed
 from walkerkit.actuators.selection import select
 from walkerkit.tasks.excitation import BATTERY, Signal
 from walkerkit.tasks.room import room_about

@@ -4,7 +4,7 @@
     reward = weighted_mean(terms, {"upright": 1.0, "effort": 0.1})
 
 A bounded reward says on its own how well things go, and none of its terms can drown the others.
-`rows` has the same terms for many robots at once.
+`batched_rewards` has the same terms for many robots at once.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from walkerkit.actuators.arguments import check_number
-from walkerkit.actuators.errors import closest, listed
-from walkerkit.tasks import rows
+from walkerkit.actuators.messages import closest, listed
+from walkerkit.tasks import batched_rewards
 
 
 def closeness(error: ArrayLike, scale: float) -> float:
@@ -27,7 +27,9 @@ def closeness(error: ArrayLike, scale: float) -> float:
         error: what is off, scalar or (n,), in the unit of the scale; 1 where there is nothing.
         scale: σ, above 0.
     """
-    return float(rows.closeness(np.atleast_1d(np.asarray(error, dtype=np.float64)), scale))
+    return float(
+        batched_rewards.closeness(np.atleast_1d(np.asarray(error, dtype=np.float64)), scale)
+    )
 
 
 def upright(cos_tilt: float) -> float:
@@ -36,7 +38,7 @@ def upright(cos_tilt: float) -> float:
     Args:
         cos_tilt: cosine of the angle θ from the upright pose.
     """
-    return float(rows.upright(cos_tilt))
+    return float(batched_rewards.upright(cos_tilt))
 
 
 def low_effort(effort: ArrayLike, limit: ArrayLike) -> float:
@@ -46,7 +48,7 @@ def low_effort(effort: ArrayLike, limit: ArrayLike) -> float:
         effort: (n,) [N·m; N]; 1 where there is nothing.
         limit: (n,) effort limits, above 0 [N·m; N]; an infinite one makes effort cost nothing.
     """
-    return float(rows.low_effort(effort, limit))
+    return float(batched_rewards.low_effort(effort, limit))
 
 
 def smoothness(action: ArrayLike, previous: ArrayLike) -> float:
@@ -56,7 +58,7 @@ def smoothness(action: ArrayLike, previous: ArrayLike) -> float:
         action: (n,), in [-1, 1]; what is outside counts as if it were clipped.
         previous: the one before.
     """
-    return float(rows.smoothness(action, previous))
+    return float(batched_rewards.smoothness(action, previous))
 
 
 def weighted_mean(terms: Mapping[str, float], weights: Mapping[str, float]) -> float:

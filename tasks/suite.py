@@ -33,7 +33,7 @@ from dm_control import suite as dm_suite
 from walkerkit import walkers
 from walkerkit.actuators import ActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw
-from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.messages import closest, listed
 from walkerkit.tasks.stand import Stand
 from walkerkit.tasks.suite_physics import ActuatedEnvironment, actuated
 from walkerkit.tasks.track_velocity import TrackVelocity

@@ -120,9 +120,9 @@ def pytest_collection_finish() -> None:
 def effects_end_with_their_test() -> Iterator[None]:
     """Takes effects that a test defines, as a user does, out of the catalogue again."""
     yield
-    base = sys.modules.get("walkerkit.gap.effects.base")
-    if base is not None:
-        base._users.clear()
+    effect = sys.modules.get("walkerkit.gap.effects.effect")
+    if effect is not None:
+        effect._users.clear()
 
 
 @pytest.fixture(scope="session")

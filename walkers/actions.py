@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators import ActuatorCmd
-from walkerkit.actuators.errors import listed
-from walkerkit.actuators.fields import names, number
+from walkerkit.actuators.config_fields import names, number
+from walkerkit.actuators.messages import listed
 from walkerkit.actuators.selection import Numbers, narrowed, per_joint, select
 from walkerkit.walkers.terms import ActionTerm, BoundTerm, Joints, checked_action
 

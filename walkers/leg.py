@@ -23,7 +23,7 @@ from walkerkit.actuators import ActuatorCfg, IdealPdActuatorCfg, XmlPositionActu
 from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.drivetrain import Randomization
 from walkerkit.walkers.mjcf_walker import MjcfWalker
-from walkerkit.walkers.reading import read_robot
+from walkerkit.walkers.robot_file import read_robot
 from walkerkit.walkers.servos import choose
 
 LEG_XML: Final = Path(__file__).parent / "assets" / "leg.xml"

@@ -23,13 +23,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators import ActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw
-from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.messages import closest, listed
 from walkerkit.actuators.selection import select
 from walkerkit.actuators.targeted import in_kinematic_order
 from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.actuated import Actuated
 from walkerkit.walkers.drivetrain import Existing, Randomization
-from walkerkit.walkers.reading import RobotFile, read_robot
+from walkerkit.walkers.robot_file import RobotFile, read_robot
 from walkerkit.walkers.saved import saved_actuators
 
 FloatArray = NDArray[np.float64]

@@ -20,7 +20,7 @@ from dm_control.locomotion.walkers import base
 
 from walkerkit.actuators import ActuatorCfg
 from walkerkit.actuators.drivetrain import DrivetrainLaw
-from walkerkit.actuators.errors import closest
+from walkerkit.actuators.messages import closest
 from walkerkit.actuators.targeted import candidates
 from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.actuated import Actuated

@@ -33,11 +33,11 @@ from walkerkit.actuators import (
 )
 from walkerkit.actuators.drive import on_joint, read_inputs
 from walkerkit.actuators.drivetrain import DrivetrainLaw, UnknownLawError, law_named
-from walkerkit.actuators.errors import listed
 from walkerkit.actuators.explicit import AdoptedMotorCfg, ExplicitActuatorCfg
 from walkerkit.actuators.inputs import first_of_each
+from walkerkit.actuators.messages import listed
 from walkerkit.actuators.wrapped import XmlActuatorCfg
-from walkerkit.walkers.reading import escaped
+from walkerkit.walkers.robot_file import escaped
 
 FILE = "actuators.json"
 Lags = tuple[tuple[str, int], ...]

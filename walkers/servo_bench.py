@@ -18,7 +18,7 @@ from walkerkit.actuators import MOTORS, ActuatorCfg
 from walkerkit.walkers.actions import ActionTerm
 from walkerkit.walkers.drivetrain import Randomization
 from walkerkit.walkers.mjcf_walker import MjcfWalker
-from walkerkit.walkers.reading import read_robot
+from walkerkit.walkers.robot_file import read_robot
 from walkerkit.walkers.servos import choose, motor_pd
 
 SERVO_BENCH_XML: Final = Path(__file__).parent / "assets" / "servo_bench.xml"

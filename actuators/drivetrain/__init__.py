@@ -16,7 +16,7 @@ from walkerkit.actuators.drivetrain.controller import (
     VelocityFilter,
 )
 from walkerkit.actuators.drivetrain.delays import CommandDelay, LoopDelay
-from walkerkit.actuators.drivetrain.drive import (
+from walkerkit.actuators.drivetrain.drive_stage import (
     ActuatorLag,
     Cogging,
     QuadraticDrag,
@@ -26,7 +26,8 @@ from walkerkit.actuators.drivetrain.drive import (
     TorqueRipple,
     TorqueSpeedLimit,
 )
-from walkerkit.actuators.drivetrain.friction import (
+from walkerkit.actuators.drivetrain.drivetrain_law import DrivetrainLaw, Step
+from walkerkit.actuators.drivetrain.joint_friction import (
     AsymmetricFriction,
     DirectionalEfficiency,
     LoadDependentFriction,
@@ -34,7 +35,6 @@ from walkerkit.actuators.drivetrain.friction import (
     PreslidingFriction,
     StribeckFriction,
 )
-from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
 from walkerkit.actuators.drivetrain.load_side import LoadSideFeedback
 from walkerkit.actuators.drivetrain.registry import LAWS, UnknownLawError, in_order, law_named
 from walkerkit.actuators.drivetrain.runner import LawRunner

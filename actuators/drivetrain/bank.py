@@ -8,7 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Parameters, Stage, State, Step
+from walkerkit.actuators.drivetrain.drivetrain_law import (
+    DrivetrainLaw,
+    Parameters,
+    Stage,
+    State,
+    Step,
+)
 from walkerkit.actuators.drivetrain.registry import in_order
 
 FloatArray = NDArray[np.float64]

@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from walkerkit.actuators.drivetrain.law import (
+from walkerkit.actuators.config_fields import number
+from walkerkit.actuators.drivetrain.drivetrain_law import (
     SOON,
     DrivetrainLaw,
     Lag,
@@ -19,7 +20,6 @@ from walkerkit.actuators.drivetrain.law import (
     clipped,
     first,
 )
-from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
 
 _SAME_INSTANT = (

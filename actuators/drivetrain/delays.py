@@ -14,7 +14,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.drivetrain.law import (
+from walkerkit.actuators.config_fields import number
+from walkerkit.actuators.drivetrain.drivetrain_law import (
     SOON,
     DrivetrainLaw,
     FloatArray,
@@ -23,7 +24,6 @@ from walkerkit.actuators.drivetrain.law import (
     State,
     Step,
 )
-from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
 
 

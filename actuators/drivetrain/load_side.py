@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from walkerkit.actuators.drivetrain.law import (
+from walkerkit.actuators.config_fields import number
+from walkerkit.actuators.drivetrain.drivetrain_law import (
     DrivetrainLaw,
     Parameters,
     Stage,
@@ -14,7 +15,6 @@ from walkerkit.actuators.drivetrain.law import (
     Step,
     clipped,
 )
-from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
 
 
@@ -22,9 +22,10 @@ from walkerkit.actuators.selection import Numbers
 class LoadSideFeedback(DrivetrainLaw):
     """A drive that is fed back what its link does, in place of its motor.
 
-    It acts on joints whose model has play between motor and link (`walkerkit.actuators.play`):
-    −kp δ − kd δ̇ is added to the drive's effort, δ: position of the play. What saturates the drive
-    is taken to saturate it with and without; other laws still see the motor.
+    It acts on joints whose model has play between motor and link
+    (`walkerkit.actuators.play_joint`): −kp δ − kd δ̇ is added to the drive's effort, δ: position of
+    the play. What saturates the drive is taken to saturate it with and without; other laws still
+    see the motor.
 
     Attributes:
         share: of the play that lies before the encoder; 1 for an encoder on the link.

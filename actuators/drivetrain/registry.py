@@ -23,7 +23,7 @@ from walkerkit.actuators.drivetrain.controller import (
     VelocityFilter,
 )
 from walkerkit.actuators.drivetrain.delays import CommandDelay, LoopDelay
-from walkerkit.actuators.drivetrain.drive import (
+from walkerkit.actuators.drivetrain.drive_stage import (
     ActuatorLag,
     Cogging,
     QuadraticDrag,
@@ -33,7 +33,8 @@ from walkerkit.actuators.drivetrain.drive import (
     TorqueRipple,
     TorqueSpeedLimit,
 )
-from walkerkit.actuators.drivetrain.friction import (
+from walkerkit.actuators.drivetrain.drivetrain_law import DrivetrainLaw, defined_laws
+from walkerkit.actuators.drivetrain.joint_friction import (
     AsymmetricFriction,
     DirectionalEfficiency,
     LoadDependentFriction,
@@ -41,9 +42,8 @@ from walkerkit.actuators.drivetrain.friction import (
     PreslidingFriction,
     StribeckFriction,
 )
-from walkerkit.actuators.drivetrain.law import DrivetrainLaw, defined_laws
 from walkerkit.actuators.drivetrain.load_side import LoadSideFeedback
-from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.messages import closest, listed
 
 _LAWS: tuple[type[DrivetrainLaw], ...] = (
     CommandDelay,

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from walkerkit.actuators.actuator import rows_of
 from walkerkit.actuators.command import ActuatorCmd
 from walkerkit.actuators.drivetrain.bank import LawBank
-from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Step
+from walkerkit.actuators.drivetrain.drivetrain_law import DrivetrainLaw, Step
 from walkerkit.actuators.group import ActuatorGroup
-from walkerkit.actuators.play import play_joint
+from walkerkit.actuators.play_joint import play_joint
 from walkerkit.actuators.selection import select
 
 FloatArray = NDArray[np.float64]

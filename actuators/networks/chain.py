@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.networks.activations import ACTIVATIONS
-from walkerkit.actuators.networks.checks import frozen_floats
+from walkerkit.actuators.networks.array_checks import frozen_floats
 from walkerkit.actuators.networks.mlp import Mlp
 
 FloatArray = NDArray[np.float64]

@@ -17,7 +17,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from walkerkit.actuators.networks.checks import check_shape, row_index
+from walkerkit.actuators.networks.array_checks import check_shape, row_index
 
 FloatArray = NDArray[np.float64]
 InputOrder = Literal["pos_vel", "vel_pos"]

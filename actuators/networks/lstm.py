@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators.networks import archive
-from walkerkit.actuators.networks.checks import check_shape, frozen_floats, row_index
+from walkerkit.actuators.networks.array_checks import check_shape, frozen_floats, row_index
 
 FloatArray = NDArray[np.float64]
 

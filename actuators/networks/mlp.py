@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.actuators.networks import archive
 from walkerkit.actuators.networks.activations import activation, check_activation
-from walkerkit.actuators.networks.checks import check_shape, frozen_floats
+from walkerkit.actuators.networks.array_checks import check_shape, frozen_floats
 
 FloatArray = NDArray[np.float64]
 

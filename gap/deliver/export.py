@@ -16,7 +16,7 @@ from typing import Any
 from walkerkit.gap.deliver import isaaclab, mjlab
 from walkerkit.gap.deliver.findings import Findings, read_findings
 from walkerkit.gap.deliver.law_code import law_code
-from walkerkit.gap.deliver.randomization import posterior, randomization_code
+from walkerkit.gap.deliver.randomization_code import posterior, randomization_code
 from walkerkit.gap.deliver.reapply import of_the_mount, reapplied, set_for_the_recordings
 from walkerkit.gap.deliver.suited import Laws, Suited, check, damps_at_its_limit, suited
 from walkerkit.gap.deliver.trainers import MADE, TRAINERS, Trainer, way

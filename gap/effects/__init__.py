@@ -13,7 +13,7 @@ import pkgutil
 from collections.abc import Iterator, Mapping
 
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import (
+from walkerkit.gap.effects.effect import (
     EVERYWHERE,
     Effect,
     JointEffect,
@@ -43,7 +43,7 @@ _others = sorted({module.name for module in pkgutil.iter_modules(__path__)} - {*
 for _family in (*_FAMILIES, *_others):
     importlib.import_module(f"{__name__}.{_family}")
 
-from walkerkit.gap.effects.law import LawEffect  # noqa: E402  its family comes in its order
+from walkerkit.gap.effects.law_effect import LawEffect  # noqa: E402  its family comes in its order
 
 
 class Catalogue(Mapping[str, Effect]):

@@ -9,7 +9,7 @@ import numpy as np
 
 from walkerkit.actuators.drive import Drive
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
+from walkerkit.gap.effects.effect import FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 

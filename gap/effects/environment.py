@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, JointEffect, Parameter
+from walkerkit.gap.effects.effect import EVERYWHERE, Effect, FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 

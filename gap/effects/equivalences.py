@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from walkerkit.gap.effects.base import EVERYWHERE
+from walkerkit.gap.effects.effect import EVERYWHERE
 from walkerkit.gap.simulation.branches import descends
 from walkerkit.gap.simulation.robot import Joint, Robot
 

@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
+from walkerkit.gap.effects.effect import EVERYWHERE, Effect, FloatArray, Parameter
 from walkerkit.gap.simulation.feet import Foot, find_feet, in_frame_of
-from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.ground_geoms import Ground
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.start import rest
 from walkerkit.gap.simulation.trials import Trials

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import Effect, FloatArray, JointEffect, Parameter
+from walkerkit.gap.effects.effect import Effect, FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from walkerkit.actuators import drivetrain
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
-from walkerkit.gap.effects.dry_friction import stiffen_dry_friction
-from walkerkit.gap.effects.law import LawEffect
+from walkerkit.gap.effects.added_dry_friction import stiffen_dry_friction
+from walkerkit.gap.effects.effect import FloatArray, JointEffect, Parameter
+from walkerkit.gap.effects.law_effect import LawEffect
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from walkerkit.actuators import drivetrain as laws
-from walkerkit.gap.effects.base import Parameter
-from walkerkit.gap.effects.law import LawEffect, is_servo
+from walkerkit.gap.effects.effect import Parameter
+from walkerkit.gap.effects.law_effect import LawEffect, is_servo
 from walkerkit.gap.simulation.robot import Robot
 
 _LONGEST = 0.5  # s, of a filter of the targets; slower ones are no part of a drive

@@ -9,8 +9,8 @@ import numpy as np
 
 from walkerkit.actuators import drivetrain as laws
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
-from walkerkit.gap.effects.law import LawEffect
+from walkerkit.gap.effects.effect import EVERYWHERE, Effect, FloatArray, Parameter
+from walkerkit.gap.effects.law_effect import LawEffect
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 

@@ -12,8 +12,8 @@ from typing import ClassVar
 import numpy as np
 
 from walkerkit.actuators import drivetrain
-from walkerkit.gap.effects.base import Parameter
-from walkerkit.gap.effects.law import LawEffect
+from walkerkit.gap.effects.effect import Parameter
+from walkerkit.gap.effects.law_effect import LawEffect
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.wave import Wave, WaveForm
 

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
+from walkerkit.gap.effects.effect import FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.gear_play import SUFFIX, made_play, stiffest
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials

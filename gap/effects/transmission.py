@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import FloatArray, JointEffect, Parameter
+from walkerkit.gap.effects.effect import FloatArray, JointEffect, Parameter
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 

@@ -27,7 +27,7 @@ from typing import Any
 from walkerkit.gap.errors import closest, refusal
 from walkerkit.gap.ingest.column_map import ColumnMap
 from walkerkit.gap.ingest.importing import import_log
-from walkerkit.gap.ingest.reading import is_foreign
+from walkerkit.gap.ingest.readers import is_foreign
 from walkerkit.gap.recordings.files import check_file, is_recording
 from walkerkit.gap.recordings.given import (
     OneOrMore,

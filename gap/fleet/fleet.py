@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.fleet import folder as folders
 from walkerkit.gap.fleet.comparison import Comparison, Row, compare
-from walkerkit.gap.fleet.console import as_text
 from walkerkit.gap.fleet.engine import PROCESSES, Done, Failure, check_engine, run
+from walkerkit.gap.fleet.fleet_console import as_text
+from walkerkit.gap.fleet.fleet_page import write_page
 from walkerkit.gap.fleet.manifest import load_fleet
 from walkerkit.gap.fleet.member import Job, Made, diagnose_member
-from walkerkit.gap.fleet.page import write_page
 from walkerkit.gap.recordings.checks import check_seconds
 from walkerkit.gap.report.output import DIAGNOSIS, check_folder, check_free, write_folder
 

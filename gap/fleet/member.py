@@ -90,7 +90,7 @@ def input_key(job: Job) -> str:
     os.environ.setdefault("MUJOCO_GL", "disable")  # before dm_control looks for a display
     if job.folder not in sys.path:
         sys.path.append(job.folder)
-    from walkerkit.gap.effects.base import identity
+    from walkerkit.gap.effects.effect import identity
     from walkerkit.gap.experiments.experiment import load_experiments
     from walkerkit.gap.report.claim import run_key
     from walkerkit.gap.workflow import prepare

@@ -21,8 +21,8 @@ from walkerkit.gap.ingest.column_map import ColumnMap, JointMap, SignalMap, Time
 from walkerkit.gap.ingest.log import FloatArray, Log
 from walkerkit.gap.ingest.model import Model
 from walkerkit.gap.ingest.patterns import Pattern, is_by_place, kind_of, match, patterns
+from walkerkit.gap.ingest.signal_units import with_units
 from walkerkit.gap.ingest.unitree import NOT_COMMANDED
-from walkerkit.gap.ingest.units import with_units
 from walkerkit.gap.ingest.words import parts
 from walkerkit.gap.recordings.recording import LARGEST, SIGNALS
 

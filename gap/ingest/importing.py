@@ -19,7 +19,7 @@ from walkerkit.gap.ingest.column_map import ColumnMap
 from walkerkit.gap.ingest.guess import complete
 from walkerkit.gap.ingest.log import Column, Log, Topic
 from walkerkit.gap.ingest.model import Model
-from walkerkit.gap.ingest.reading import read_logs
+from walkerkit.gap.ingest.readers import read_logs
 from walkerkit.gap.ingest.rows import recording_of
 from walkerkit.gap.recordings.recording import Recording, remarks
 from walkerkit.gap.simulation.robot import Robot

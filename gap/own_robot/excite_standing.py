@@ -24,7 +24,7 @@ from walkerkit.gap.own_robot.excite_readme import Limits, readme, standing_manne
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.standing.choose import Chosen, drawn, safe_motions
 from walkerkit.gap.standing.safety import BOUNDS, effort_limit
-from walkerkit.gap.standing.stand import Stand, find_stand
+from walkerkit.gap.standing.standing_pose import Stand, find_stand
 from walkerkit.gap.standing.variants import UNCERTAINTY
 
 FloatArray = NDArray[np.float64]

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.policy.policy_variants import Kind, Variant
 from walkerkit.gap.policy.rollout import Episode
 from walkerkit.gap.policy.statistics import (
     LEVEL,
@@ -18,7 +19,6 @@ from walkerkit.gap.policy.statistics import (
     of_mean,
     of_share,
 )
-from walkerkit.gap.policy.variants import Kind, Variant
 
 FloatArray = NDArray[np.float64]
 Measure = Literal["return", "falls", "tracking"]

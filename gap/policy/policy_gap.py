@@ -1,6 +1,6 @@
 """What a gap means for a policy: which of the named effects breaks it.
 
-def make_environment(robot):                        # a gap.policy.robot.PolicyRobot
+def make_environment(robot):                        # a gap.policy.policy_robot.PolicyRobot
     walker = robot.walker()                         # with all that was found
     return composer.Environment(TrackVelocity(walker), time_limit=8.0)
 
@@ -21,7 +21,8 @@ import numpy as np
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.policy.loading import Policy, load_policy
 from walkerkit.gap.policy.outcome import MEASURES, Judgement, Measure, Outcome, judged
-from walkerkit.gap.policy.robot import PolicyRobot, check_in_place
+from walkerkit.gap.policy.policy_robot import PolicyRobot, check_in_place
+from walkerkit.gap.policy.policy_variants import Variant, findings_of, variants
 from walkerkit.gap.policy.rollout import (
     Tracking,
     draws_a_start,
@@ -30,7 +31,6 @@ from walkerkit.gap.policy.rollout import (
     tracking_of,
 )
 from walkerkit.gap.policy.statistics import LEVEL
-from walkerkit.gap.policy.variants import Variant, findings_of, variants
 from walkerkit.gap.recordings.given import is_callable
 from walkerkit.gap.report.diagnosis import json_text
 from walkerkit.gap.report.output import write_folder
@@ -75,7 +75,7 @@ class PolicyGap:
         return f"<PolicyGap: {self.judgement.verdict}; {', '.join(self.blamed) or 'none blamed'}>"
 
     def __str__(self) -> str:
-        from walkerkit.gap.policy.console import as_text
+        from walkerkit.gap.policy.policy_console import as_text
 
         return as_text(self)
 
@@ -86,7 +86,7 @@ class PolicyGap:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of policy.json."""
-        from walkerkit.gap.policy.wording import answer, next_step
+        from walkerkit.gap.policy.policy_wording import answer, next_step
 
         of = self.judgement
         episodes = self.outcomes[0].episodes
@@ -128,7 +128,7 @@ class PolicyGap:
         Raises:
             InputError: the folder cannot be written, or a file is in the way.
         """
-        from walkerkit.gap.policy.page import write_page
+        from walkerkit.gap.policy.policy_page import write_page
 
         def write(made: Path) -> None:
             write_page(self, made / PAGE)

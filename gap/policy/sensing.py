@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.robot import Measurement
 from walkerkit.walkers.mjcf_walker import MjcfWalker, MjcfWalkerObservables
-from walkerkit.walkers.reading import escaped
+from walkerkit.walkers.robot_file import escaped
 
 FloatArray = NDArray[np.float64]
 

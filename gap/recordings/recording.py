@@ -30,11 +30,11 @@ import numpy as np
 import numpy.typing as npt
 
 from walkerkit.gap.errors import InputError, closest, one_line, refusal, some
-from walkerkit.gap.recordings.clocks import on_one_clock
 from walkerkit.gap.recordings.files import describe_row, read, write
+from walkerkit.gap.recordings.one_clock import on_one_clock
 from walkerkit.gap.recordings.spans import Spans, kept_rows
 from walkerkit.gap.recordings.stamps import coarse_stamps
-from walkerkit.gap.recordings.wiring import WiringError
+from walkerkit.gap.recordings.wiring_errors import WiringError
 
 Array = npt.NDArray[np.float64]
 

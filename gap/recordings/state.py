@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from walkerkit.gap.recordings import noise
-from walkerkit.gap.recordings.base import (
+from walkerkit.gap.recordings.base_state import (
     ANGULAR,
     LINEAR,
     ORIENTATIONS,

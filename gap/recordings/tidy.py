@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.errors import some
-from walkerkit.gap.recordings.base import missing
+from walkerkit.gap.recordings.base_state import missing
 from walkerkit.gap.recordings.imu import has_imu
 from walkerkit.gap.recordings.recording import Recording
 

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings.wiring import WiringError
+from walkerkit.gap.recordings.wiring_errors import WiringError
 from walkerkit.gap.report.gaps import Gap, GapMap, GapSize, Location
 from walkerkit.gap.report.motion import Motion
 

@@ -17,7 +17,7 @@ from walkerkit.gap.report.diagnosis import Diagnosis, Hint
 from walkerkit.gap.report.gaps import GapSize
 from walkerkit.gap.report.regimes import EVERYWHERE
 from walkerkit.gap.search.residual_effort import residual_effort
-from walkerkit.gap.stopgap.learned import LearnedDrive, learned_drive, why_none
+from walkerkit.gap.stopgap.learned_drive import LearnedDrive, learned_drive, why_none
 from walkerkit.gap.stopgap.sparse import Formula, formula
 
 if TYPE_CHECKING:

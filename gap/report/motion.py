@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.recordings.base import POSITION
+from walkerkit.gap.recordings.base_state import POSITION
 from walkerkit.gap.recordings.recording import QUATERNION
 from walkerkit.gap.report.shapes import clad
 from walkerkit.gap.simulation.load_robot import load_robot

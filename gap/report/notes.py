@@ -11,7 +11,7 @@ import numpy as np
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.effects.equivalences import spelled_out
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.wiring import named_errors
+from walkerkit.gap.recordings.wiring_errors import named_errors
 from walkerkit.gap.report.diagnosis import NamedEffect, Verdict
 from walkerkit.gap.report.folded import folded
 from walkerkit.gap.report.gaps import Gap

@@ -25,7 +25,7 @@ from walkerkit.gap.report.planner import MODEL as CHANGED
 from walkerkit.gap.simulation.mend import write_model
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import FILE, sidecar
-from walkerkit.gap.stopgap.learned import LearnedDrive
+from walkerkit.gap.stopgap.learned_drive import LearnedDrive
 
 if TYPE_CHECKING:
     from walkerkit.gap.report.result import Result

@@ -20,9 +20,9 @@ from walkerkit.gap.report.diagnosis import Considered, Diagnosis, Hint, NamedEff
 from walkerkit.gap.report.gaps import Location
 from walkerkit.gap.report.heat import HeatMap, heat_map
 from walkerkit.gap.report.html import MOST, page, write_html
+from walkerkit.gap.report.page_budget import Fitted, fitted
 from walkerkit.gap.report.poses import drawn
 from walkerkit.gap.report.quantity import percent, quantity, span
-from walkerkit.gap.report.room import Fitted, fitted
 from walkerkit.gap.report.samples import POINTS
 
 _SHOWN = 6  # candidates of a round that have a line of their own

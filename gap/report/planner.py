@@ -22,7 +22,7 @@ from itertools import combinations, groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings.base import BASE, ORIENTATIONS
+from walkerkit.gap.recordings.base_state import BASE, ORIENTATIONS
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.report.diagnosis import NextExperiment

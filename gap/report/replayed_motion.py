@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from walkerkit.gap.recordings.base import ORIENTATIONS, angles, quaternions
+from walkerkit.gap.recordings.base_state import ORIENTATIONS, angles, quaternions
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.report.motion import POSE, Motion, Which
 from walkerkit.gap.report.replayed import Replayed

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.recordings.wiring import named_errors
+from walkerkit.gap.recordings.wiring_errors import named_errors
 from walkerkit.gap.report.constant_errors import effort_scales, position_offsets
 from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect, Verdict
 from walkerkit.gap.report.experiments import next_experiments
@@ -39,7 +39,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.mended import Mended, mended_by_name, only
 from walkerkit.gap.simulation.robot import Robot
-from walkerkit.gap.stopgap.learned import LearnedDrive
+from walkerkit.gap.stopgap.learned_drive import LearnedDrive
 
 if TYPE_CHECKING:
     from walkerkit.walkers import MjcfWalker

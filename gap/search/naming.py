@@ -25,9 +25,9 @@ from walkerkit.gap.search.compare import Member, Table, leaves_smaller_gaps
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
 from walkerkit.gap.search.fit import evaluate, polished
-from walkerkit.gap.search.ground import ground
 from walkerkit.gap.search.needed import only_needed
 from walkerkit.gap.search.numerical import as_simulated_well
+from walkerkit.gap.search.ordinary_effects import ground
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
 from walkerkit.gap.search.settle import robustly, without_the_wild

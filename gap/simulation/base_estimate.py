@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from walkerkit.gap.recordings.base import ANGULAR, LINEAR, ORIENTATIONS, POSITION, missing
+from walkerkit.gap.recordings.base_state import ANGULAR, LINEAR, ORIENTATIONS, POSITION, missing
 from walkerkit.gap.recordings.imu import has_imu
 from walkerkit.gap.recordings.recording import QUATERNION, Recording
 from walkerkit.gap.recordings.state import MeasuredState
@@ -41,7 +41,7 @@ from walkerkit.gap.simulation.base_filter import (
 )
 from walkerkit.gap.simulation.base_readings import Sensed, sensed_by
 from walkerkit.gap.simulation.feet import Foot, Legs, find_feet
-from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.ground_geoms import Ground
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.stance import Source, standing
 from walkerkit.gap.simulation.start import rest

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.recordings import base
+from walkerkit.gap.recordings import base_state
 from walkerkit.gap.recordings.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +34,8 @@ class Channel:
 
     Attributes:
         joint: name of the joint, or `base`.
-        signal: `position`, `velocity` or `effort`; of the base one of `recordings.base.SIGNALS`.
+        signal: `position`, `velocity` or `effort`; of the base one of
+            `recordings.base_state.SIGNALS`.
     """
 
     joint: str
@@ -43,7 +44,7 @@ class Channel:
     @property
     def of_base(self) -> bool:
         """Whether it is the base's, and no joint's that happens to be called so."""
-        return self.joint == base.BASE and self.signal in base.SIGNALS
+        return self.joint == base_state.BASE and self.signal in base_state.SIGNALS
 
     @property
     def quantity(self) -> str:
@@ -57,14 +58,14 @@ class Channel:
     def measured(self, recording: Recording) -> FloatArray | None:
         """(T,) samples of a recording, or None where it does not have them."""
         if self.of_base:
-            return base.base_signal(recording, self.signal)
+            return base_state.base_signal(recording, self.signal)
         return recording.signal(self.joint, self.signal)
 
 
 def base_channels(recordings: Sequence[Recording]) -> tuple[Channel, ...]:
     """The base's channels, none where no recording has its pose."""
-    found = {signal for recording in recordings for signal in base.compared(recording)}
-    return tuple(Channel(joint=base.BASE, signal=s) for s in base.SIGNALS if s in found)
+    found = {signal for recording in recordings for signal in base_state.compared(recording)}
+    return tuple(Channel(joint=base_state.BASE, signal=s) for s in base_state.SIGNALS if s in found)
 
 
 def estimate_error(recordings: Sequence[Recording], channel: Channel) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.simulation.base import Base
-from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.ground_geoms import Ground
 from walkerkit.gap.simulation.start import rest
 
 FloatArray = NDArray[np.float64]

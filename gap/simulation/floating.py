@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError, closest
-from walkerkit.gap.recordings.base import BaseState, angles, missing, quaternions, turned
+from walkerkit.gap.recordings.base_state import BaseState, angles, missing, quaternions, turned
 from walkerkit.gap.recordings.imu import WHAT_TO_LOG, has_imu, of_feet
 from walkerkit.gap.recordings.recording import BASE as BASE_COLUMNS
 from walkerkit.gap.recordings.recording import IMU, Recording

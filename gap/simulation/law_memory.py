@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drivetrain import IntegralAction
-from walkerkit.actuators.drivetrain.law import clipped
+from walkerkit.actuators.drivetrain.drivetrain_law import clipped
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Route

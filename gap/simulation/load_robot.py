@@ -10,7 +10,7 @@ import mujoco
 from walkerkit.gap.errors import InputError, one_line
 from walkerkit.gap.recordings.given import is_callable, model_name
 from walkerkit.gap.simulation.base import find_base
-from walkerkit.gap.simulation.ground import Ground, add_floor
+from walkerkit.gap.simulation.ground_geoms import Ground, add_floor
 from walkerkit.gap.simulation.made import spec_of
 from walkerkit.gap.simulation.model_files import check_model_files
 from walkerkit.gap.simulation.programs import with_programs

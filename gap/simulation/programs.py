@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from walkerkit.actuators.delayed import DelayedActuator
 from walkerkit.actuators.drive import Drive, TargetKind
 from walkerkit.actuators.drivetrain import DrivetrainLaw
-from walkerkit.actuators.errors import listed
 from walkerkit.actuators.explicit import ExplicitActuator, ExplicitActuatorCfg
 from walkerkit.actuators.inputs import XmlInputsActuator
 from walkerkit.actuators.laws.law import Law
+from walkerkit.actuators.messages import listed
 from walkerkit.actuators.native import NativeActuator
 from walkerkit.actuators.selection import select
 from walkerkit.gap.errors import InputError

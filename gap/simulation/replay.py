@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drivetrain import IntegralAction
-from walkerkit.gap.recordings.base import SIGNALS, TURNING
+from walkerkit.gap.recordings.base_state import SIGNALS, TURNING
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.simulation.channel import Channel as Channel
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.gear_play import bend, loads
-from walkerkit.gap.simulation.group import MOST_STEPS, Group, similar_lengths
 from walkerkit.gap.simulation.interpolate import (
     at_index,
     delayed,
@@ -38,6 +37,7 @@ from walkerkit.gap.simulation.mount import mounts
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds, rebuilt_as
 from walkerkit.gap.simulation.robot import Joint, Robot
+from walkerkit.gap.simulation.segment_group import MOST_STEPS, Group, similar_lengths
 from walkerkit.gap.simulation.side_by_side import advanced
 from walkerkit.gap.simulation.start import rest, start_state
 from walkerkit.gap.simulation.together import (

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import mujoco
 
 from walkerkit.actuators.drive import Drive, TargetKind, drives_of_joint, inputs_of_joint
-from walkerkit.actuators.play import play_joint
+from walkerkit.actuators.play_joint import play_joint
 from walkerkit.gap.errors import InputError, closest, some
 from walkerkit.gap.recordings.given import is_callable
 from walkerkit.gap.simulation import dry_friction
@@ -35,7 +35,7 @@ _SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SL
 
 @dataclass(frozen=True, kw_only=True)
 class Play:
-    """The joint between a motor's joint and its link (`walkerkit.actuators.play`).
+    """The joint between a motor's joint and its link (`walkerkit.actuators.play_joint`).
 
     Attributes:
         name: its name in the model, may be empty.

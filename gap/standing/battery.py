@@ -13,7 +13,7 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.standing.choose import safe_motions
 from walkerkit.gap.standing.simulated import sent
-from walkerkit.gap.standing.stand import find_stand
+from walkerkit.gap.standing.standing_pose import find_stand
 
 _FASTEST = 10.0  # rad/s
 

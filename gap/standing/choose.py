@@ -24,7 +24,7 @@ from walkerkit.gap.standing.motions import MOTIONS, STILL, Motion, OutOfReachErr
 from walkerkit.gap.standing.reach import Reach
 from walkerkit.gap.standing.safety import fault_of
 from walkerkit.gap.standing.simulated import sent, simulated
-from walkerkit.gap.standing.stand import Stand
+from walkerkit.gap.standing.standing_pose import Stand
 
 FloatArray = NDArray[np.float64]
 

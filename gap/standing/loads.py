@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from walkerkit.gap.standing.stand import Stand
+from walkerkit.gap.standing.standing_pose import Stand
 from walkerkit.gap.standing.variants import gain
 
 FloatArray = NDArray[np.float64]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from walkerkit.gap.standing.reach import Reach
-from walkerkit.gap.standing.stand import Stand
+from walkerkit.gap.standing.standing_pose import Stand
 from walkerkit.tasks.excitation import BATTERY, chirp
 
 FloatArray = NDArray[np.float64]

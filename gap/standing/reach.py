@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from walkerkit.gap.simulation.robot import Joint
 from walkerkit.gap.standing.soles import Sole
-from walkerkit.gap.standing.stand import Stand
+from walkerkit.gap.standing.standing_pose import Stand
 
 FloatArray = NDArray[np.float64]
 

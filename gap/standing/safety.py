@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.ground_geoms import Ground
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.standing.motions import Path
 from walkerkit.gap.standing.simulated import Simulated
 from walkerkit.gap.standing.soles import Area, collided, touching
-from walkerkit.gap.standing.stand import Stand
+from walkerkit.gap.standing.standing_pose import Stand
 
 FloatArray = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from walkerkit.gap.recordings.base import POSITION
+from walkerkit.gap.recordings.base_state import POSITION
 from walkerkit.gap.recordings.recording import QUATERNION, Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.simulation.base import Base

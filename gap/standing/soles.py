@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from walkerkit.gap.errors import refusal
 from walkerkit.gap.simulation.base import Base
-from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.ground_geoms import Ground
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.start import rest
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from walkerkit.tasks.vector.copies import Copies
-    from walkerkit.tasks.vector.environment import WalkerVectorEnv
+    from walkerkit.tasks.vector.vector_environment import WalkerVectorEnv
     from walkerkit.tasks.vector.vector_task import VectorTask
 
 # Gymnasium is an extra, and only the environment needs it.
-_HOMES = {"Copies": "copies", "VectorTask": "vector_task", "WalkerVectorEnv": "environment"}
+_HOMES = {"Copies": "copies", "VectorTask": "vector_task", "WalkerVectorEnv": "vector_environment"}
 
 __all__ = ["Copies", "VectorTask", "WalkerVectorEnv"]
 

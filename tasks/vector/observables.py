@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.errors import listed
+from walkerkit.actuators.messages import listed
 from walkerkit.tasks.vector.copies import Copies
 from walkerkit.tasks.vector.vector_task import Function
 

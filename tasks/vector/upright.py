@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.tasks import rows, stand, track_velocity
+from walkerkit.tasks import batched_rewards, stand, track_velocity
 from walkerkit.tasks.vector.copies import Copies
 from walkerkit.tasks.vector.vector_task import Function, VectorTask
 
@@ -84,7 +84,7 @@ class UprightCopies(VectorTask):
 
     def reward(self, copies: Copies) -> FloatArray:
         """As in `VectorTask`."""
-        return rows.weighted_mean(self.terms(copies), self._task.weights)
+        return batched_rewards.weighted_mean(self.terms(copies), self._task.weights)
 
     def terminated(self, copies: Copies) -> BoolArray:
         """The walkers that fell."""
@@ -126,7 +126,7 @@ class UprightCopies(VectorTask):
 
     def low_effort(self, copies: Copies) -> FloatArray:
         """The term `effort`, (n_sims,)."""
-        return rows.low_effort(copies.actuators.applied_effort, self._effort_limits)
+        return batched_rewards.low_effort(copies.actuators.applied_effort, self._effort_limits)
 
     def _orientation(self, copies: Copies) -> FloatArray:
         return np.asarray(copies.field("xmat")[:, self._body].reshape(-1, 3, 3))
@@ -140,9 +140,9 @@ class StandCopies(UprightCopies):
         home = self._home_height
         risen = (self.height(copies) - home)[:, None]
         return {
-            "upright": rows.upright(self.cos_tilt(copies)),
-            "height": rows.closeness(risen, stand.HEIGHT_SCALE * home[:, None]),
-            "pose": rows.closeness(self.pose_error(copies), stand.POSE_SCALE),
+            "upright": batched_rewards.upright(self.cos_tilt(copies)),
+            "height": batched_rewards.closeness(risen, stand.HEIGHT_SCALE * home[:, None]),
+            "pose": batched_rewards.closeness(self.pose_error(copies), stand.POSE_SCALE),
             "effort": self.low_effort(copies),
         }
 
@@ -169,11 +169,11 @@ class TrackVelocityCopies(UprightCopies):
         error = self.velocity(copies) - self._command
         planar = np.hypot(error[:, 0], error[:, 1])
         return {
-            "velocity": rows.closeness(planar[:, None], track_velocity.VELOCITY_SCALE),
-            "yaw_rate": rows.closeness(error[:, 2:], track_velocity.YAW_RATE_SCALE),
-            "upright": rows.upright(self.cos_tilt(copies)),
+            "velocity": batched_rewards.closeness(planar[:, None], track_velocity.VELOCITY_SCALE),
+            "yaw_rate": batched_rewards.closeness(error[:, 2:], track_velocity.YAW_RATE_SCALE),
+            "upright": batched_rewards.upright(self.cos_tilt(copies)),
             "effort": self.low_effort(copies),
-            "smoothness": rows.smoothness(copies.action, copies.previous_action),
+            "smoothness": batched_rewards.smoothness(copies.action, copies.previous_action),
         }
 
 

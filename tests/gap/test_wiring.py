@@ -13,7 +13,7 @@ import pytest
 from walkerkit.gap import compare
 from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.wiring import Kind, WiringError, exchanged, named_errors
+from walkerkit.gap.recordings.wiring_errors import Kind, WiringError, exchanged, named_errors
 from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.wiring import rewired_experiments
 

@@ -37,8 +37,8 @@ from walkerkit.actuators import (
 )
 from walkerkit.actuators.builtin_dc_motor import BuiltinDcMotorActuatorCfg
 from walkerkit.actuators.drivetrain.controller import IntegralAction, SetpointFilter
-from walkerkit.actuators.drivetrain.drive import ActuatorLag, StrengthDrift
-from walkerkit.actuators.drivetrain.friction import LoadDependentFriction, PreslidingFriction
+from walkerkit.actuators.drivetrain.drive_stage import ActuatorLag, StrengthDrift
+from walkerkit.actuators.drivetrain.joint_friction import LoadDependentFriction, PreslidingFriction
 from walkerkit.actuators.networks.lstm import Lstm
 from walkerkit.actuators.networks.mlp import Mlp
 from walkerkit.actuators.randomization import Randomization

@@ -51,7 +51,7 @@ from tests.walkers.robots import DOG, write
 from walkerkit.actuators import IdealPdActuatorCfg
 from walkerkit.walkers import MjcfWalker, Quadruped, with_actuators
 from walkerkit.walkers.actions import JointPositionAction
-from walkerkit.walkers.reading import read_robot
+from walkerkit.walkers.robot_file import read_robot
 
 HOLD = JointPositionAction(joint_names_expr=(".*",), scale=0.3)
 # Their tasks' specs are of controls, and their tests draw actions from the whole of them.

@@ -9,7 +9,7 @@ import mujoco
 import pytest
 
 from tests.walkers.others import check_steps, check_trajectory
-from walkerkit.walkers.reading import read_robot
+from walkerkit.walkers.robot_file import read_robot
 
 ASSETS = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
 FILES = sorted(path.name for path in ASSETS.glob("*.xml"))

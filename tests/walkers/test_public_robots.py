@@ -11,7 +11,7 @@ from tests.walkers.others import check_steps, check_trajectory, driven
 from tests.walkers.robots import corridor_task, go_to_target_task
 from walkerkit.actuators import IdealPdActuatorCfg
 from walkerkit.walkers import MjcfWalker
-from walkerkit.walkers.reading import read_robot
+from walkerkit.walkers.robot_file import read_robot
 
 LEG = ("hip", "thigh", "calf")
 

@@ -12,7 +12,7 @@ from benchmarks.trainers.legs import LEG, diagnosed, leg_at
 from tests.gap.deliver.robots import STANDING, text_for
 from walkerkit.gap.deliver import apply, export
 from walkerkit.gap.deliver.findings import read_findings
-from walkerkit.gap.deliver.randomization import posterior, randomization_code
+from walkerkit.gap.deliver.randomization_code import posterior, randomization_code
 from walkerkit.gap.deliver.trainers import TRAINERS, table, way
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError

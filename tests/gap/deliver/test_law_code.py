@@ -9,7 +9,7 @@ from benchmarks.trainers.legs import leg_at
 from tests.gap.deliver.robots import AWKWARD
 from walkerkit.actuators.drivetrain import LAWS
 from walkerkit.actuators.drivetrain.bank import LawBank
-from walkerkit.actuators.drivetrain.law import Step
+from walkerkit.actuators.drivetrain.drivetrain_law import Step
 from walkerkit.gap.deliver.law_code import all_laws, driven, law_code
 
 torch = pytest.importorskip("torch")

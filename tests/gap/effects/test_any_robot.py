@@ -6,7 +6,7 @@ import pytest
 
 from tests.gap.effects.any_robot import any_robot
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.ground_geoms import Ground
 from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 

@@ -11,7 +11,7 @@ from tests.gap.effects.contract import EffectContract
 from tests.gap.effects.machine import AWKWARD, JOINTS, PLAIN, Machine, replay_of
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.simulation.excursion import excursions
-from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.ground_geoms import Ground
 from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.trials import Trials
 

@@ -14,7 +14,7 @@ from walkerkit.gap import Recording
 from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.ingest.column_map import ColumnMap
 from walkerkit.gap.ingest.importing import import_log
-from walkerkit.gap.ingest.reading import is_foreign
+from walkerkit.gap.ingest.readers import is_foreign
 from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.walkers.leg import LEG_XML
 

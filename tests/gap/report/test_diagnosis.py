@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from walkerkit.gap.recordings.wiring import WiringError
+from walkerkit.gap.recordings.wiring_errors import WiringError
 from walkerkit.gap.report import diagnosis as module
 from walkerkit.gap.report.diagnosis import Change, Diagnosis, Hint, Rival
 from walkerkit.gap.report.gaps import GapSize

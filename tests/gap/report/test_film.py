@@ -13,7 +13,7 @@ import pytest
 
 from walkerkit.gap import cli
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.report import commands
+from walkerkit.gap.report import replay_cli
 from walkerkit.gap.report.film import HEIGHT, WIDTH
 from walkerkit.gap.report.motion import WHICH, Motion, save_motions
 from walkerkit.gap.simulation.load_robot import load_robot
@@ -33,7 +33,7 @@ def driver() -> str:
     """What MuJoCo can render with here."""
     pytest.importorskip("imageio_ffmpeg")
     try:
-        return commands.rendering()
+        return replay_cli.rendering()
     except InputError as error:
         pytest.skip(str(error))
 

@@ -12,7 +12,7 @@ from tests.gap.stopgap import rig
 from walkerkit import gap
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.stopgap.closed_loop import can_close, closed_loop_gap
-from walkerkit.gap.stopgap.learned import learned_drive, runnable, why_none
+from walkerkit.gap.stopgap.learned_drive import learned_drive, runnable, why_none
 from walkerkit.walkers import MjcfWalker
 from walkerkit.walkers.saved import saved_actuators
 

@@ -13,7 +13,7 @@ from scipy.optimize import approx_fprime
 from scipy.signal import lfilter
 
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE, JointEffect, Parameter
-from walkerkit.gap.effects.base import registered
+from walkerkit.gap.effects.effect import registered
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import stretches, whole, windows
 from walkerkit.gap.search import fit as fit_module

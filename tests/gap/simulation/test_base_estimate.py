@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.base_state import errors
 from walkerkit.gap.errors import InputError
-from walkerkit.gap.recordings.base import LINEAR
+from walkerkit.gap.recordings.base_state import LINEAR
 from walkerkit.gap.recordings.imu import ACCELERATION, GYRO, IMU_QUATERNION
 from walkerkit.gap.recordings.recording import BASE, QUATERNION
 from walkerkit.gap.rehearsal.hardware import run_hardware

@@ -12,10 +12,10 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import cut, whole, windows
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import between_samples, driven_by_effort, routes
-from walkerkit.gap.simulation.group import similar_lengths
 from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Channel, Replay
 from walkerkit.gap.simulation.robot import Measurement
+from walkerkit.gap.simulation.segment_group import similar_lengths
 from walkerkit.gap.simulation.trials import Trials
 
 STEP = 0.002

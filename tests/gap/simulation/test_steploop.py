@@ -6,8 +6,8 @@ import pytest
 
 from tests.gap.simulation.arm import CHANNELS, arm, arm_text
 from walkerkit.actuators.drivetrain.controller import SampleAndHold, SetpointFilter, SlewLimit
-from walkerkit.actuators.drivetrain.drive import ActuatorLag, Cogging, QuadraticDrag
-from walkerkit.actuators.drivetrain.friction import AsymmetricFriction, LoadDependentFriction
+from walkerkit.actuators.drivetrain.drive_stage import ActuatorLag, Cogging, QuadraticDrag
+from walkerkit.actuators.drivetrain.joint_friction import AsymmetricFriction, LoadDependentFriction
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.simulation.load_robot import robot_from_spec

@@ -10,8 +10,8 @@ from walkerkit.actuators.drivetrain.controller import (
     SampleAndHold,
     SetpointFilter,
 )
-from walkerkit.actuators.drivetrain.drive import Cogging, SupplySag
-from walkerkit.actuators.drivetrain.friction import LoadDependentFriction
+from walkerkit.actuators.drivetrain.drive_stage import Cogging, SupplySag
+from walkerkit.actuators.drivetrain.joint_friction import LoadDependentFriction
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.simulation import together as module

@@ -11,7 +11,7 @@ from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.standing.loads import asked
 from walkerkit.gap.standing.reach import Reach
 from walkerkit.gap.standing.simulated import sent, simulated
-from walkerkit.gap.standing.stand import Stand, find_stand
+from walkerkit.gap.standing.standing_pose import Stand, find_stand
 
 
 @pytest.fixture(scope="module", params=[write_four_legs, write_two_legs])

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from walkerkit.gap.fleet import figures, wording
+from walkerkit.gap.fleet import fleet_figures, fleet_wording
 from walkerkit.gap.fleet.comparison import Row
 from walkerkit.gap.report.html import write_html
 from walkerkit.gap.report.output import REPORT
@@ -37,8 +37,8 @@ def write_page(fleet: Fleet, path: str | Path, *, title: str) -> None:
         OSError: the file cannot be written.
     """
     drawn = {
-        "gaps": figures.gaps(fleet),
-        "parameters": figures.parameters(fleet.comparison.rows),
+        "gaps": fleet_figures.gaps(fleet),
+        "parameters": fleet_figures.parameters(fleet.comparison.rows),
     }
     rows = [cells for row in fleet.comparison.rows for cells in _parameters(fleet, row)]
     write_html(
@@ -46,7 +46,7 @@ def write_page(fleet: Fleet, path: str | Path, *, title: str) -> None:
         "fleet.html.j2",
         package="walkerkit.gap.fleet",
         title=label(title),
-        sentence=wording.sentence(fleet),
+        sentence=fleet_wording.sentence(fleet),
         headline=_headline(fleet),
         robots=[_robot(fleet, index) for index in range(len(fleet.outcomes))],
         names=[label(robot) for robot in fleet.comparison.robots],
@@ -60,7 +60,7 @@ def write_page(fleet: Fleet, path: str | Path, *, title: str) -> None:
 
 
 def _headline(fleet: Fleet) -> list[tuple[str, str]]:
-    verdicts = [wording.verdict(one) for one in fleet.outcomes]
+    verdicts = [fleet_wording.verdict(one) for one in fleet.outcomes]
     counts = {name: verdicts.count(name) for name in dict.fromkeys(verdicts)}
     return [("robots", str(len(verdicts))), *((name, str(n)) for name, n in counts.items())]
 
@@ -71,10 +71,10 @@ def _robot(fleet: Fleet, index: int) -> dict[str, Any]:
     return {
         "name": label(one.robot),
         "href": "" if one.diagnosis is None else f"{quote(one.robot, safe='')}/{REPORT}",
-        "verdict": wording.verdict(one),
-        "gaps": wording.gaps(one),
+        "verdict": fleet_wording.verdict(one),
+        "gaps": fleet_wording.gaps(one),
         "named": ", ".join(label(name) for name in dict.fromkeys(named)),
-        "own": [wording.spot(row) for row in fleet.comparison.own(one.robot)],
+        "own": [fleet_wording.spot(row) for row in fleet.comparison.own(one.robot)],
         "failure": "" if one.failure is None else label(one.failure.message),
     }
 
@@ -82,11 +82,11 @@ def _robot(fleet: Fleet, index: int) -> dict[str, Any]:
 def _groups(fleet: Fleet) -> list[dict[str, Any]]:
     """Who has what, by how many have it."""
     groups = []
-    for kind, title in wording.KINDS.items():
+    for kind, title in fleet_wording.KINDS.items():
         rows = [
             {
-                "name": wording.spot(row),
-                "count": wording.count(row),
+                "name": fleet_wording.spot(row),
+                "count": fleet_wording.count(row),
                 "marks": [
                     (mark, f"{label(robot)} {_SAYS[mark]}")
                     for robot in fleet.comparison.robots
@@ -119,7 +119,7 @@ def _parameters(fleet: Fleet, row: Row) -> list[dict[str, Any]]:
         unit = next(iter(of.values())).unit
         found.append(
             {
-                "effect": wording.spot(row),
+                "effect": fleet_wording.spot(row),
                 "name": label(name),
                 "median": quantity(middle, unit) if len(of) > 1 and middle == middle else "",
                 "cells": cells,

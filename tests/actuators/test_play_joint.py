@@ -3,7 +3,7 @@
 import mujoco
 import pytest
 
-from walkerkit.actuators.play import play_joint
+from walkerkit.actuators.play_joint import play_joint
 
 LEG = """
 <mujoco><worldbody><body><joint name="first" axis="0 1 0" armature="0.01"/>{between}

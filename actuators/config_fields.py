@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import field
 from typing import Any
 
-from walkerkit.actuators.errors import closest
+from walkerkit.actuators.messages import closest
 
 
 def _names(name: str, value: Any) -> tuple[str, ...]:

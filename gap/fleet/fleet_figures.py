@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from walkerkit.gap.fleet.comparison import Row
-from walkerkit.gap.fleet.wording import spot
+from walkerkit.gap.fleet.fleet_wording import spot
 from walkerkit.gap.report.figures import (
     BLACK,
     BLUE,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
 
-from walkerkit.gap.policy import wording
+from walkerkit.gap.policy import policy_wording
 from walkerkit.gap.report.console import Paragraph, Rows, heading, numbered, plain
 from walkerkit.gap.report.wording import label
 
@@ -20,21 +20,21 @@ def render(found: PolicyGap) -> RenderableType:
     numbers = ("part of the loss", "alone", "regained")
     parts = Rows("effect", *numbers, "verdict", right=numbers)
     for part in found.judgement.parts:
-        parts.add(*map(label, wording.part_cells(found, part)))
+        parts.add(*map(label, policy_wording.part_cells(found, part)))
     shown: list[RenderableType] = [
-        Paragraph(wording.answer(found), "bold"),
-        Paragraph(wording.next_step(found)),
+        Paragraph(policy_wording.answer(found), "bold"),
+        Paragraph(policy_wording.next_step(found)),
         heading("What each effect takes"),
         parts,
     ]
     if found.judgement.rivals:
         rivals = Rows("rival", "loss", "verdict", right=("loss",))
         for one in found.judgement.rivals:
-            rivals.add(*map(label, wording.rival_cells(found, one)))
+            rivals.add(*map(label, policy_wording.rival_cells(found, one)))
         shown += [heading("What it may be instead"), rivals]
-    robots = Rows(*wording.COLUMNS, right=wording.COLUMNS[1:])
+    robots = Rows(*policy_wording.COLUMNS, right=policy_wording.COLUMNS[1:])
     for outcome in found.outcomes:
-        robots.add(*map(label, wording.cells(outcome, unit)))
+        robots.add(*map(label, policy_wording.cells(outcome, unit)))
     shown += [heading("How the policy did"), robots]
     if found.tracking is not None:
         shown.append(Paragraph(f"Tracking is the rms of {found.tracking[0]}."))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from walkerkit.gap.fleet import wording
+from walkerkit.gap.fleet import fleet_wording
 from walkerkit.gap.fleet.comparison import Row
 from walkerkit.gap.report.console import VERDICT_STYLES, Paragraph, Rows, heading, plain
 from walkerkit.gap.report.quantity import quantity
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def render(fleet: Fleet) -> RenderableType:
     """The fleet as something that `rich` prints."""
-    parts: list[RenderableType] = [Paragraph(wording.sentence(fleet)), heading("Robots")]
+    parts: list[RenderableType] = [Paragraph(fleet_wording.sentence(fleet)), heading("Robots")]
     parts.append(_robots(fleet))
     if fleet.comparison.rows:
         parts += [heading("Effects"), _effects(fleet)]
@@ -40,12 +40,12 @@ def as_text(fleet: Fleet, width: int = 100) -> str:
 
 def line(outcome: Outcome, number: int, total: int) -> Text:
     """What a robot's diagnosis came to, in one line."""
-    verdict = wording.verdict(outcome)
+    verdict = fleet_wording.verdict(outcome)
     text = Text(f"{number}/{total} {label(outcome.robot)}: ")
     if outcome.diagnosis is None:
         return text.append(verdict, "bold red").append(f": {_why(outcome)}")
     text.append(verdict, VERDICT_STYLES[outcome.diagnosis["verdict"]])
-    before, after, _ = wording.gaps(outcome)
+    before, after, _ = fleet_wording.gaps(outcome)
     named = dict.fromkeys(one["effect"] for one in outcome.diagnosis["effects"])
     text.append(
         f", {', '.join(map(label, named))}: {before} to {after}" if named else f": {before}"
@@ -64,19 +64,19 @@ def _robots(fleet: Fleet) -> Rows:
         right=("before", "after", "noise floor"),
     )
     for one in fleet.outcomes:
-        own = ", ".join(wording.spot(row) for row in fleet.comparison.own(one.robot))
-        table.add(label(one.robot), wording.verdict(one), *wording.gaps(one), own)
+        own = ", ".join(fleet_wording.spot(row) for row in fleet.comparison.own(one.robot))
+        table.add(label(one.robot), fleet_wording.verdict(one), *fleet_wording.gaps(one), own)
     return table
 
 
 def _effects(fleet: Fleet) -> Rows:
     table = Rows("effect", "robots", "parameter", "median", "of each", right=("median",))
-    for kind, title in wording.KINDS.items():
+    for kind, title in fleet_wording.KINDS.items():
         rows = fleet.comparison.of(kind)
         if rows:
             table.add(title)
         for row in rows:
-            first = [f"  {wording.spot(row)}", wording.count(row)]
+            first = [f"  {fleet_wording.spot(row)}", fleet_wording.count(row)]
             for name, median, values in _parameters(row) or [("", "", ", ".join(row.robots))]:
                 table.add(*first, label(name), median, values)
                 first = ["", ""]

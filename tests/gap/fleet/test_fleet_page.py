@@ -13,7 +13,7 @@ import pytest
 from walkerkit.gap.fleet.comparison import compare
 from walkerkit.gap.fleet.engine import Failure
 from walkerkit.gap.fleet.fleet import Fleet, Outcome
-from walkerkit.gap.fleet.page import write_page
+from walkerkit.gap.fleet.fleet_page import write_page
 
 HOSTILE = "<img src=x onerror=\"document.title='pwned'\"> $\\alpha$ [red]"
 CHROMIUM = shutil.which("chromium")

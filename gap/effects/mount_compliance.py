@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import EVERYWHERE, Effect, FloatArray, Parameter
+from walkerkit.gap.effects.effect import EVERYWHERE, Effect, FloatArray, Parameter
 from walkerkit.gap.simulation.gear_play import stiffest
 from walkerkit.gap.simulation.mount import carrier, made_mount, mounts, with_mount
 from walkerkit.gap.simulation.robot import Robot

@@ -13,7 +13,7 @@ from dm_control.locomotion.arenas import floors
 from tests.walkers.robots import ARM, DOG, DOG_HOME, DOG_JOINTS, Drive, write
 from walkerkit.actuators import IdealPdActuatorCfg, XmlMotorActuatorCfg
 from walkerkit.walkers import MjcfWalker
-from walkerkit.walkers.reading import read_robot
+from walkerkit.walkers.robot_file import read_robot
 
 PHYSICS = """
     body_mass body_inertia body_ipos body_iquat body_pos body_quat jnt_pos jnt_axis jnt_range

@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from walkerkit.actuators.drivetrain.law import (
+from walkerkit.actuators.config_fields import number
+from walkerkit.actuators.drivetrain.drivetrain_law import (
     DrivetrainLaw,
     FloatArray,
     Lag,
@@ -18,7 +19,6 @@ from walkerkit.actuators.drivetrain.law import (
     Step,
     clipped,
 )
-from walkerkit.actuators.fields import number
 from walkerkit.actuators.selection import Numbers
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from walkerkit.actuators.errors import closest, listed
+from walkerkit.actuators.messages import closest, listed
 from walkerkit.walkers.settling import leave_out, settled, stated_integrator, written
 
 FloatArray = NDArray[np.float64]

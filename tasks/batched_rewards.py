@@ -1,6 +1,6 @@
 """Reward terms of many robots at once: what `rewards` says of one, over arrays `(..., n)`.
 
-    rows.closeness(error, 0.5)        # (64, 12) rad → (64,)
+    batched_rewards.closeness(error, 0.5)        # (64, 12) rad → (64,)
 
 All in [0, 1], 1 being best, and 1 where there is nothing to be off.
 """

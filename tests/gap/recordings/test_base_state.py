@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from walkerkit.gap.recordings.base import (
+from walkerkit.gap.recordings.base_state import (
     BaseState,
     angles,
     base_signal,

@@ -17,7 +17,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.actuators.fields import names
+from walkerkit.actuators.config_fields import names
 from walkerkit.actuators.selection import Numbers, per_joint
 
 FloatArray = NDArray[np.float64]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from walkerkit.gap.errors import InputError, some
-from walkerkit.gap.simulation.ground import Ground
+from walkerkit.gap.simulation.ground_geoms import Ground
 from walkerkit.gap.simulation.mend import FIELDS
 from walkerkit.gap.simulation.mended import Mended
 from walkerkit.gap.simulation.robot import Measurement, Robot
@@ -83,7 +83,7 @@ class PolicyRobot(Mended):
             InputError: an effect cannot be put into a walker.
         """
         from walkerkit.gap.policy.sensing import SensedWalker
-        from walkerkit.walkers.reading import escaped
+        from walkerkit.walkers.robot_file import escaped
 
         misread = [
             joint

@@ -62,7 +62,7 @@ def policy(
     """Say which of the effects that a diagnosis has named breaks a policy."""
     from rich.console import Console
 
-    from walkerkit.gap.policy.console import render
+    from walkerkit.gap.policy.policy_console import render
     from walkerkit.gap.policy.policy_gap import FILE, KIND, PAGE, policy_gap
     from walkerkit.gap.report.output import check_folder, check_free
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from walkerkit.gap.deliver.findings import Findings, read_findings
 from walkerkit.gap.deliver.reapply import reapplied
 from walkerkit.gap.errors import InputError, closest
-from walkerkit.gap.policy.robot import PolicyRobot, as_given, meets, with_effects
+from walkerkit.gap.policy.policy_robot import PolicyRobot, as_given, meets, with_effects
 from walkerkit.gap.report.result import Result
 from walkerkit.gap.simulation.robot import Robot
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import plotly.graph_objects as go
 
-from walkerkit.gap.policy import wording
+from walkerkit.gap.policy import policy_wording
 from walkerkit.gap.report.figures import (
     BLACK,
     BLUE,
@@ -44,16 +44,18 @@ def write_page(found: PolicyGap, path: Path) -> None:
         path,
         "policy.html.j2",
         package="walkerkit.gap.policy",
-        answer=label(wording.answer(found)),
-        next_step=label(wording.next_step(found)),
+        answer=label(policy_wording.answer(found)),
+        next_step=label(policy_wording.next_step(found)),
         parts=[
-            tuple(map(label, wording.part_cells(found, part))) for part in found.judgement.parts
+            tuple(map(label, policy_wording.part_cells(found, part)))
+            for part in found.judgement.parts
         ],
         rivals=[
-            tuple(map(label, wording.rival_cells(found, one))) for one in found.judgement.rivals
+            tuple(map(label, policy_wording.rival_cells(found, one)))
+            for one in found.judgement.rivals
         ],
-        columns=wording.COLUMNS,
-        robots=[tuple(map(label, wording.cells(one, unit))) for one in found.outcomes],
+        columns=policy_wording.COLUMNS,
+        robots=[tuple(map(label, policy_wording.cells(one, unit))) for one in found.outcomes],
         tracked="" if found.tracking is None else label(found.tracking[0]),
         notes=[label(note) for note in found.notes],
         figures={"episodes": _episodes(found)},

@@ -12,8 +12,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from walkerkit.actuators.drivetrain.law import DrivetrainLaw, Parameters, Stage, State, Step
-from walkerkit.actuators.fields import number
+from walkerkit.actuators.config_fields import number
+from walkerkit.actuators.drivetrain.drivetrain_law import (
+    DrivetrainLaw,
+    Parameters,
+    Stage,
+    State,
+    Step,
+)
 from walkerkit.actuators.selection import Numbers
 
 _RIGID_STEPS = 4  # MuJoCo's stiffest friction stops a joint within two

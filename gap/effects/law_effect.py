@@ -20,8 +20,8 @@ from typing import ClassVar
 
 from walkerkit.actuators.drivetrain import DrivetrainLaw
 from walkerkit.gap.effects import fields
-from walkerkit.gap.effects.base import FloatArray, JointEffect
-from walkerkit.gap.effects.dry_friction import stiffen_dry_friction
+from walkerkit.gap.effects.added_dry_friction import stiffen_dry_friction
+from walkerkit.gap.effects.effect import FloatArray, JointEffect
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
