@@ -23,7 +23,8 @@ from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
 
-_MOST_IN_THE_RUNNING = 4  # structures that are fitted by themselves
+_MOST_IN_THE_RUNNING = 4  # structures beside the best that are fitted by themselves
+_MOST_BY_THEMSELVES = 12  # and with those that are the best until they are
 _OUT_OF_REACH = 3.0  # times T, of a log weight, that leave-one-out could hardly make up
 
 
@@ -92,6 +93,8 @@ class Book:
         if (free or self._worth_a_name(found[0])) and _estimated(problem, found[0], slopes):
             self._members += found
             self._table = None
+            if self._among is not None:
+                self._among |= {member.key for member in found}
         return one
 
     def fit_what_is_in_the_running(self, fitted: Callable[[Member], Fit]) -> None:
@@ -104,7 +107,8 @@ class Book:
             fitted: fits a member by itself.
         """
         by_itself: set[Hashable] = set()
-        for _ in range(_MOST_IN_THE_RUNNING):
+        others = 0
+        for _ in range(_MOST_BY_THEMSELVES):
             table = self.table
             least = table.worth.max() + np.log(1 - CONFUSION)
             tried = {member.rare for member in table.members if member.key in by_itself}
@@ -115,7 +119,8 @@ class Book:
                 if table.worth[k] >= least and table.members[k].rare not in tried
             ]
             running = [m for m in (table.best, *running) if m.key not in by_itself]
-            if not running:
+            others += table.best.key in by_itself
+            if not running or others == _MOST_IN_THE_RUNNING:
                 break
             by_itself.add(running[0].key)
             by_itself.add(self._fit_by_itself(running[0], fitted, by_itself).key)
@@ -195,7 +200,7 @@ class Book:
         if not plain:
             return True
         table = Table(tuple(plain))
-        return is_worth_a_name(table.best, one, self._joints)
+        return is_worth_a_name(table.best_of(self._among), one, self._joints)
 
 
 def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:

@@ -174,9 +174,13 @@ def name_effects(
     if not begun.searched:
         return _explanation(problem, book, begun.plain, searched=False)
     search = _Search(problem, book, effort, progress)
+    rare = [effect for effect in effects if not effect.ordinary]
     with contextlib.suppress(EnoughError):
-        search.rare([effect for effect in effects if not effect.ordinary], begun.plain)
-    book.fit_what_is_in_the_running(lambda member: only_needed(problem, member))
+        search.rare(rare, begun.plain)
+    grown = book.best.fit
+    search.compare()
+    with contextlib.suppress(EnoughError):
+        search.instead_of_the_unknown(rare, grown)
     final = by_usual_names(problem, book.best.fit)
     if not _mends(problem, begun.nothing, final):
         final = begun.nothing
@@ -224,6 +228,22 @@ class _Search:
             if self._book.best.fit.structure.key == current.structure.key:
                 break
             current, begun = self._grown(effects, self._book.best.fit), []
+
+    def compare(self) -> None:
+        """Has what may be the best fitted by itself."""
+        self._book.fit_what_is_in_the_running(lambda member: only_needed(self._problem, member))
+
+    def instead_of_the_unknown(self, effects: Sequence[Effect], grown: Fit) -> None:
+        """Looks for rare effects again, beside the little that is left of what was grown.
+
+        What is ordinary may follow a rare effect by numbers of which none is known: beside them it
+        promises nothing, and without them much.
+        """
+        known = self._book.best.fit
+        if known.score < grown.score + LEAST_GAIN:
+            return
+        if self._grown(effects, known) is not known:
+            self.compare()
 
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
         """The structure that the table prefers, with as many rare effects as it wants."""
