@@ -10,7 +10,7 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO
@@ -326,7 +326,7 @@ def diagnose_fleet(
             allow_code=allow_code,
             allow_outside=allow_outside,
             overwrite=overwrite,
-            ended=_as_they_end(bar, console, json=json),
+            ended=words.as_they_end(bar, console, lines=not json),
         )
     if json:
         typer.echo(fleet.to_json(), nl=False)
@@ -336,22 +336,6 @@ def diagnose_fleet(
         _say_report(out / "fleet.html")
     if fleet.failed:
         _end_with_failures(fleet, manifest)
-
-
-def _as_they_end(bar: Any, console: Any, *, json: bool) -> Callable[[Any, int, int], None]:
-    """What says of each robot of a fleet that it is done."""
-    from walkerkit.gap.fleet import console as words
-
-    progress = stages(bar)
-    progress("diagnosing", 0.0)
-    lines = bar.console if bar.console.is_terminal else console  # above the bar
-
-    def ended(outcome: Any, number: int, total: int) -> None:
-        progress(f"{number} of {total} robots", number / total)
-        if not json:
-            lines.print(words.line(outcome, number, total), soft_wrap=True)
-
-    return ended
 
 
 def _end_with_failures(fleet: Any, manifest: Path) -> NoReturn:
