@@ -314,15 +314,6 @@ def diagnose_fleet(
     console = _console(sys.stdout)
     # Ray says on standard output what happens to its workers.
     with redirect_stdout(sys.stderr), bar_on_stderr() as bar:
-        progress = stages(bar)
-        progress("diagnosing", 0.0)
-        lines = bar.console if bar.console.is_terminal else console  # above the bar
-
-        def ended(outcome: Any, number: int, total: int) -> None:
-            progress(f"{number} of {total} robots", number / total)
-            if not json:
-                lines.print(words.line(outcome, number, total), soft_wrap=True)
-
         fleet = diagnose_all(
             manifest,
             out,
@@ -335,7 +326,7 @@ def diagnose_fleet(
             allow_code=allow_code,
             allow_outside=allow_outside,
             overwrite=overwrite,
-            ended=ended,
+            ended=words.as_they_end(bar, console, lines=not json),
         )
     if json:
         typer.echo(fleet.to_json(), nl=False)
@@ -510,17 +501,10 @@ def simulate(
     ground_friction, ground_compliance and foot_offset where a robot floats,
     with spheres for feet and a level plane.
     """
-    from walkerkit.gap.effects import CATALOGUE
     from walkerkit.gap.rehearsal.rehearse import EXPERIMENTS, rehearse
     from walkerkit.gap.report.output import check_folder, check_free, write_folder
 
-    if model in CATALOGUE and not Path(model).exists():
-        raise InputError(f"{model!r} is an effect, and no model: the model comes before --hide.")
-    if more and not hide:
-        raise InputError(
-            f"{more[0]!r} follows the model {model!r}; effects to hide come after --hide."
-        )
-    hide = [*hide, *(more or ())] if hide else None
+    hide = _to_hide(model, hide, more)
     check_folder(out)
     files = {name: f"{name}.csv" for name in EXPERIMENTS}
     check_free(out, files.values(), kind="rehearsal", overwrite=overwrite)
@@ -538,6 +522,19 @@ def simulate(
         console.print(str(out / file), markup=False, soft_wrap=True)
     hidden = [effect.describe() for effect in rehearsal.hidden] or ["nothing"]
     console.print(f"hidden: {'; '.join(hidden)}", markup=False, soft_wrap=True)
+
+
+def _to_hide(model: str, hide: list[str] | None, more: list[str] | None) -> list[str] | None:
+    """The effects to hide, or None; what was given in the wrong place is refused."""
+    from walkerkit.gap.effects import CATALOGUE
+
+    if model in CATALOGUE and not Path(model).exists():
+        raise InputError(f"{model!r} is an effect, and no model: the model comes before --hide.")
+    if more and not hide:
+        raise InputError(
+            f"{more[0]!r} follows the model {model!r}; effects to hide come after --hide."
+        )
+    return [*hide, *(more or ())] if hide else None
 
 
 def main() -> None:

@@ -87,6 +87,27 @@ def record(
         ValueError: an argument is unusable, there is not one walker alone and none is named, or
             neither a length is given nor the episode ends.
     """
+    _check_choices(every, base)
+    control_step = float(environment.control_timestep())
+    wanted = _wanted(seconds, n_steps, control_step)
+    timestep = environment.reset()
+    log = RobotLog(environment, walker, base)
+    act = _policy(
+        policy, environment, log.drivetrain, seed=seed, n_steps=wanted, control_step=control_step
+    )
+    with _watched(environment.physics, log) as watch:
+        watch.always = every == "physics_step"
+        done = _played(environment, act, timestep, watch, wanted)
+    return Recording(
+        name=name,
+        time=float(environment.physics.timestep()) * np.array(watch.steps, dtype=np.float64),
+        columns=log.columns(),
+        notes=(*log.notes, *_cut_short(done, wanted, control_step)),
+    )
+
+
+def _check_choices(every: str, base: str) -> None:
+    """Raises ValueError where one of these is none of the words for it."""
     if every not in ("control_step", "physics_step"):
         raise ValueError(
             f"every is {every!r}{closest(str(every), ('control_step', 'physics_step'))}; it should "
@@ -97,43 +118,36 @@ def record(
             f"base is {base!r}{closest(str(base), ('pose', 'imu', 'both'))}; it should be 'pose', "
             "'imu' or 'both'"
         )
-    control_step = float(environment.control_timestep())
-    wanted = _wanted(seconds, n_steps, control_step)
-    longest = round(LONGEST / control_step) if wanted is None else wanted
-    timestep = environment.reset()
-    log = RobotLog(environment, walker, base)
-    act = _policy(
-        policy,
-        environment,
-        log.drivetrain,
-        seed=seed,
-        n_steps=wanted,
-        control_step=control_step,
-    )
-    done = 0
-    with _watched(environment.physics, log) as watch:
-        watch.always = every == "physics_step"
-        while done < longest and not timestep.last():
-            watch.due = True
-            timestep = environment.step(act(timestep))
-            done += 1
+
+
+def _played(environment: Any, act: Policy, timestep: Any, watch: _Watch, wanted: int | None) -> int:
+    """Plays an episode from its first time step on; returns how many control steps it took.
+
+    Raises:
+        ValueError: it would not end.
+    """
+    done, longest = 0, wanted
+    if longest is None:
+        longest = round(LONGEST / float(environment.control_timestep()))
+    while done < longest and not timestep.last():
+        watch.due = True
+        timestep = environment.step(act(timestep))
+        done += 1
     if wanted is None and not timestep.last():
         raise ValueError(
             f"the episode has not ended after {LONGEST:g} s: give seconds or n_steps, or a time "
             "limit to the environment"
         )
-    notes = log.notes
+    return done
+
+
+def _cut_short(done: int, wanted: int | None, control_step: float) -> Iterator[str]:
+    """That an episode ended before it was to."""
     if wanted is not None and done < wanted:
-        notes += (
+        yield (
             f"the episode ended after {done * control_step:g} s of {wanted * control_step:g}: the "
-            "robot fell, or the time limit came first",
+            "robot fell, or the time limit came first"
         )
-    return Recording(
-        name=name,
-        time=float(environment.physics.timestep()) * np.array(watch.steps, dtype=np.float64),
-        columns=log.columns(),
-        notes=notes,
-    )
 
 
 class _Watch:

@@ -101,6 +101,24 @@ class _Candidate:
     parts: str  # of _PARTS
 
 
+@dataclass(frozen=True)
+class _Found:
+    """An error that explains some of what is off.
+
+    Attributes:
+        gained: by how much less is off, squared.
+        left: (joints, 2) of its joints, what of their motion is off once it is mended.
+        candidate: the error.
+        before, after: the stretches that it was tried on, without and with it mended.
+    """
+
+    gained: float
+    left: FloatArray
+    candidate: _Candidate
+    before: Sequence[_Replayed]
+    after: Sequence[_Replayed]
+
+
 def rewired_experiments(
     robots: Sequence[Robot],
     experiments: Sequence[Experiment],
@@ -196,18 +214,60 @@ class _Check:
         # (stretches, joints): what is as far off as no effect makes it, in position or in effort.
         alone = np.nan_to_num(np.stack([_relative([one]) for one in replayed])).max(axis=2)
         suspect = alone > _SUSPECT
+        found = self._explaining(stretches, replayed, alone, suspect)
+        for best in sorted(found, key=lambda one: one.gained, reverse=True):
+            places = self._places(best.candidate)
+            which = self._affected(suspect[:, places].all(axis=1), alone[:, places], sources)
+            if self._explains_all(best.candidate, which):
+                break
+        else:
+            return None, frozenset()
+        rivals = [
+            one
+            for one in found
+            if one.candidate.joints == best.candidate.joints
+            and np.nanmax(one.left - _ALIKE[1] * best.left) <= _ALIKE[0]
+        ]
+        # Of errors that explain as much, the one with the fewest wires.
+        rivals.sort(
+            key=lambda one: (
+                len(one.candidate.parts),
+                [*_PARTS].index(one.candidate.parts[0]),
+            )
+        )
+        return self._told(rivals, which), which
+
+    def _places(self, candidate: _Candidate) -> list[int]:
+        """Where its joints are among all."""
+        return [self._joints.index(joint) for joint in candidate.joints]
+
+    def _explaining(
+        self,
+        stretches: Sequence[_Stretch],
+        replayed: Sequence[_Replayed],
+        alone: FloatArray,
+        suspect: NDArray[np.bool_],
+    ) -> list[_Found]:
+        """The errors that explain some of what is too far off to be an effect.
+
+        Args:
+            stretches: what was replayed.
+            replayed: that.
+            alone: (stretches, joints) how far off each is.
+            suspect: which of them are too far off.
+        """
         suspects = [self._joints[k] for k in np.flatnonzero(suspect.any(axis=0))]
         trials = []
         sims = 0
         for candidate in self._candidates(suspects, stretches, replayed):
-            places = [self._joints.index(joint) for joint in candidate.joints]
+            places = self._places(candidate)
             off = np.where(suspect[:, places].all(axis=1), alone[:, places].min(axis=1), 0.0)
             tried = [int(k) for k in np.argsort(-off)[:_MOST_TRIED_ON] if off[k] > 0]
             if tried and sims + len(tried) <= _MOST_SIMS:
                 sims += len(tried)
                 trials.append((candidate, places, tried))
         if not trials:
-            return None, frozenset()
+            return []
         results = iter(
             self._replay(
                 [stretches[k].changed(c.kind, c.columns) for c, _, tried in trials for k in tried]
@@ -224,30 +284,20 @@ class _Check:
                 _explains(old[places], new[places])
                 or (candidate.kind == "sign_flip" and _turns(before, after, places[0]))
             ):
-                found.append((gained, new[places], candidate, before, after))
-        for best in sorted(found, key=lambda one: one[0], reverse=True):
-            places = [self._joints.index(joint) for joint in best[2].joints]
-            which = self._affected(suspect[:, places].all(axis=1), alone[:, places], sources)
-            if self._explains_all(best[2], which):
-                break
-        else:
-            return None, frozenset()
-        rivals = [
-            one
-            for one in found
-            if one[2].joints == best[2].joints
-            and np.nanmax(one[1] - _ALIKE[1] * best[1]) <= _ALIKE[0]
-        ]
-        # Of errors that explain as much, the one with the fewest wires.
-        rivals.sort(key=lambda one: (len(one[2].parts), [*_PARTS].index(one[2].parts[0])))
-        _, _, named, before, after = rivals[0]
+                found.append(_Found(gained, new[places], candidate, before, after))
+        return found
+
+    def _told(self, rivals: Sequence[_Found], which: frozenset[int]) -> WiringError:
+        """The first of errors that explain as much, and the second as what else it may be."""
+        named, before, after = rivals[0].candidate, rivals[0].before, rivals[0].after
+        places = self._places(named)
         sizes = [[_gap(some, places, signal) for some in (before, after)] for signal in (0, 1)]
         # Told in position, unless it is the effort that vanishes.
         signal = 0 if sizes[0][0] > _BETTER * sizes[0][1] or named.parts == "P" else 1
         signal = signal if np.isfinite(sizes[signal]).all() else 0
         slide = self._robot.joints[named.joints[0]].slide
         channel = Channel(joint=named.joints[0], signal=("position", "effort")[signal])
-        error = WiringError(
+        return WiringError(
             kind=named.kind,
             joints=named.joints,
             columns=named.columns,
@@ -255,9 +305,8 @@ class _Check:
             gap_after=sizes[signal][1],
             unit=channel.unit(slide=slide),
             recordings=tuple(self._recordings[k].name for k in sorted(which)),
-            or_else=rivals[1][2].columns if len(rivals) > 1 else (),
+            or_else=rivals[1].candidate.columns if len(rivals) > 1 else (),
         )
-        return error, which
 
     def _explains_all(self, candidate: _Candidate, which: frozenset[int]) -> bool:
         """Whether an error leaves less all over recordings, not only where they are furthest off.

@@ -229,22 +229,27 @@ def diagnose(
 
         if out is None:
             return run()
-        key = run_key(
-            setup.robots,
-            (*setup.fitted, *setup.held_out),
-            (
-                *(kind, setup.window, setup.may_split_in_time),
-                [identity(effect) for effect in chosen],
-                *([repr(setup.beliefs)] if setup.beliefs else []),
-                spending.level,
-            ),
-        )
+        key = _key(setup, chosen, spending.level, kind)
         files = main_files(setup.robots)
         with claimed(Path(out), key, files, overwrite=overwrite, kind=kind) as save:
             result = run()
             (Path(out) / FIRST).unlink(missing_ok=True)
             save(result)
         return result
+
+
+def _key(setup: Setup, chosen: Sequence[Effect], level: Level, kind: str) -> str:
+    """A digest of what the result of a diagnosis depends on."""
+    return run_key(
+        setup.robots,
+        (*setup.fitted, *setup.held_out),
+        (
+            *(kind, setup.window, setup.may_split_in_time),
+            [identity(effect) for effect in chosen],
+            *([repr(setup.beliefs)] if setup.beliefs else []),
+            level,
+        ),
+    )
 
 
 def _search(
@@ -327,21 +332,25 @@ def compare(
             n_threads=n_threads,
             allow_outside=allow_outside,
         )
-        problem = setup.problem(_known_hold(setup.robots) or "zero_order")
-        _check_tells(setup, problem)
-        explanation = name_effects(problem, [])
-        problem = problem.as_told(explanation.fit)
-        found = summarise(
-            problem,
-            explanation,
-            problem.robots,
-            seconds=0.0,
-            searched=False,
-            held_out_only=setup.declared,
-        )
-        diagnosis = found.diagnosis
+        diagnosis = _measured(setup).diagnosis
     notes = (*diagnosis.notes, *warning_notes(warned))
     return replace(diagnosis, notes=notes, seconds=time.perf_counter() - start)
+
+
+def _measured(setup: Setup) -> Result:
+    """The gap and where it is, with nothing named."""
+    problem = setup.problem(_known_hold(setup.robots) or "zero_order")
+    _check_tells(setup, problem)
+    explanation = name_effects(problem, [])
+    problem = problem.as_told(explanation.fit)
+    return summarise(
+        problem,
+        explanation,
+        problem.robots,
+        seconds=0.0,
+        searched=False,
+        held_out_only=setup.declared,
+    )
 
 
 def prepare(
@@ -364,20 +373,8 @@ def prepare(
         InputError: a model or recording cannot be used, or they do not fit each other.
     """
     check_seconds(window)
-    robots, suiting = [], []
-    for experiment in experiments:
-        floating = any(not base_state.missing(r) or has_imu(r) for r in experiment.recordings)
-        robot = load_robot(experiment.model, floating=floating, allow_outside=allow_outside)
-        if robot.path is not None:
-            robot = with_sidecar(robot, robot.path)
-        for recording in experiment.recordings:
-            robot.check_joints(recording.joints, source(recording))
-        robots.append(robot)
-        fitting = tuple(
-            suited(robot, tidied(with_checked_angles(robot, with_checked_extent(robot, recording))))
-            for recording in experiment.recordings
-        )
-        suiting.append(replace(experiment, recordings=fitting))
+    loaded = [_suiting(experiment, allow_outside=allow_outside) for experiment in experiments]
+    robots, suiting = [robot for robot, _ in loaded], [fitting for _, fitting in loaded]
     _check_shared_joints(robots, suiting)
     experiments = without_placeholders(suiting)
     for robot, experiment in zip(robots, experiments, strict=True):
@@ -388,29 +385,67 @@ def prepare(
         replace(experiment, recordings=tuple(_checked(robot, r) for r in experiment.recordings))
         for robot, experiment in zip(robots, experiments, strict=True)
     )
-    windowed = any(
-        robot.base is not None or driven_by_effort(robot, recording)
-        for robot, experiment in zip(robots, experiments, strict=True)
-        for recording in experiment.recordings
-    )
-    if windowed:
-        check_window(window, recordings)
-        for robot, experiment in zip(robots, experiments, strict=True):
-            check_memory(robot, experiment.recordings)
-    experiments = rewired_experiments(
-        robots, experiments, window=window if windowed else None, n_threads=n_threads
-    )
+    restarts = _window(robots, experiments, recordings, window)
+    experiments = rewired_experiments(robots, experiments, window=restarts, n_threads=n_threads)
     experiments = tuple(_rewired(robot, e) for robot, e in zip(robots, experiments, strict=True))
     fitted, held_out = split(experiments)
     setup = Setup(
         robots=tuple(robots),
         fitted=fitted,
         held_out=held_out,
-        window=window if windowed else None,
+        window=restarts,
         n_threads=n_threads,
         experiments=experiments,
     )
-    column = lopsided([*itertools.chain(*fitted)], [*itertools.chain(*held_out)])
+    return _with_whole_halves(setup)
+
+
+def _suiting(experiment: Experiment, *, allow_outside: bool) -> tuple[Robot, Experiment]:
+    """The robot of an experiment, and its recordings as that can use them."""
+    floating = any(not base_state.missing(r) or has_imu(r) for r in experiment.recordings)
+    robot = load_robot(experiment.model, floating=floating, allow_outside=allow_outside)
+    if robot.path is not None:
+        robot = with_sidecar(robot, robot.path)
+    for recording in experiment.recordings:
+        robot.check_joints(recording.joints, source(recording))
+    fitting = tuple(
+        suited(robot, tidied(with_checked_angles(robot, with_checked_extent(robot, recording))))
+        for recording in experiment.recordings
+    )
+    return robot, replace(experiment, recordings=fitting)
+
+
+def _window(
+    robots: Sequence[Robot],
+    experiments: Sequence[Experiment],
+    recordings: Sequence[Recording],
+    window: float,
+) -> float | None:
+    """The window where joints are driven by effort or a base floats, or None.
+
+    Raises:
+        InputError: it is too short, or a robot remembers more than it would be given.
+    """
+    windowed = any(
+        robot.base is not None or driven_by_effort(robot, recording)
+        for robot, experiment in zip(robots, experiments, strict=True)
+        for recording in experiment.recordings
+    )
+    if not windowed:
+        return None
+    check_window(window, recordings)
+    for robot, experiment in zip(robots, experiments, strict=True):
+        check_memory(robot, experiment.recordings)
+    return window
+
+
+def _with_whole_halves(setup: Setup) -> Setup:
+    """A setup of which both halves have the same columns, split in time where that helps.
+
+    Raises:
+        InputError: one half lacks a column, and the user said what is held out.
+    """
+    column = lopsided([*itertools.chain(*setup.fitted)], [*itertools.chain(*setup.held_out)])
     if column is None:
         return setup
     if not setup.may_split_in_time:

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from types import FunctionType, SimpleNamespace
 from typing import Any, Final
 
@@ -102,6 +103,60 @@ def load(
         ValueError: there is no such domain or task, an argument is of no use there, or as
             `ActuatorGroup.edit_mjcf`.
     """
+    _check_names(domain_name, task_name)
+    worn = _Worn(actuators, action, existing, default, laws, randomizations)
+    kwargs = dict(task_kwargs or {})
+    if domain_name in _OWN_ROBOTS:
+        worn.refuse(f"domain {domain_name!r}", "existing", "default", "laws")
+        _refuse_unused(f"domain {domain_name!r}", visualize_reward=visualize_reward)
+        return _own_environment(domain_name, task_name, worn, kwargs, environment_kwargs or {})
+    if environment_kwargs is not None:
+        kwargs["environment_kwargs"] = dict(environment_kwargs)
+    if actuators is None:
+        worn.refuse("actuators=None", "action", "existing", "default", "laws", "randomizations")
+        return dm_suite.load(domain_name, task_name, kwargs, visualize_reward=visualize_reward)
+    environment = _with_actuators(domain_name, task_name, worn, kwargs)
+    environment.task.visualize_reward = visualize_reward
+    return environment
+
+
+@dataclass(frozen=True, eq=False)
+class _Worn:
+    """What `load` puts on a robot, as it has them."""
+
+    actuators: ActuatorCfg | Iterable[ActuatorCfg] | None
+    action: ActionTerm | Sequence[ActionTerm] | None
+    existing: Existing
+    default: Mapping[str, float] | None
+    laws: Sequence[DrivetrainLaw]
+    randomizations: Sequence[Randomization]
+
+    def refuse(self, where: str, *names: str) -> None:
+        """Raises ValueError where one of these arguments is given."""
+        given = {
+            "action": self.action is not None,
+            "existing": self.existing != "replace",
+            "default": self.default is not None,
+            "laws": bool(self.laws),
+            "randomizations": bool(self.randomizations),
+        }
+        _refuse_unused(where, **{name: given[name] for name in names})
+
+    def drivetrain(self, root: mjcf.RootElement) -> Drivetrain:
+        """The drivetrain of a robot that wears them."""
+        return Drivetrain(
+            root,
+            () if self.actuators is None else self.actuators,
+            action=self.action,
+            default=self.default,
+            existing=self.existing,
+            laws=self.laws,
+            randomizations=self.randomizations,
+        )
+
+
+def _check_names(domain_name: str, task_name: str) -> None:
+    """Raises ValueError where there is no such domain or task."""
     if domain_name not in TASKS_BY_DOMAIN:
         raise ValueError(
             f"there is no domain {domain_name!r}{closest(domain_name, TASKS_BY_DOMAIN)}; there are "
@@ -113,62 +168,44 @@ def load(
             f"domain {domain_name!r} has no task {task_name!r}{closest(task_name, tasks)}; it has "
             f"{listed(tasks)}"
         )
-    kwargs = dict(task_kwargs or {})
-    if domain_name in _OWN_ROBOTS:
-        _refuse_unused(
-            f"domain {domain_name!r}",
-            existing=existing != "replace",
-            default=default is not None,
-            laws=bool(laws),
-            visualize_reward=visualize_reward,
-        )
-        robot = getattr(walkers, _OWN_ROBOTS[domain_name])(
-            actuators=actuators, action=action, randomizations=randomizations
-        )
-        options = {"strip_singleton_obs_buffer_dim": True, **(environment_kwargs or {})}
-        return composer.Environment(
-            time_limit=kwargs.pop("time_limit", _TIME_LIMIT),
-            random_state=kwargs.pop("random", None),
-            task=_OWN_TASKS[task_name](robot, **kwargs),
-            **options,
-        )
-    if environment_kwargs is not None:
-        kwargs["environment_kwargs"] = dict(environment_kwargs)
-    if actuators is None:
-        _refuse_unused(
-            "actuators=None",
-            action=action is not None,
-            existing=existing != "replace",
-            default=default is not None,
-            laws=bool(laws),
-            randomizations=bool(randomizations),
-        )
-        return dm_suite.load(domain_name, task_name, kwargs, visualize_reward=visualize_reward)
+
+
+def _own_environment(
+    domain_name: str,
+    task_name: str,
+    worn: _Worn,
+    kwargs: dict[str, Any],
+    environment_kwargs: Mapping[str, Any],
+) -> composer.Environment:
+    """A composer environment with a robot of ours."""
+    robot = getattr(walkers, _OWN_ROBOTS[domain_name])(
+        actuators=worn.actuators, action=worn.action, randomizations=worn.randomizations
+    )
+    options = {"strip_singleton_obs_buffer_dim": True, **environment_kwargs}
+    return composer.Environment(
+        time_limit=kwargs.pop("time_limit", _TIME_LIMIT),
+        random_state=kwargs.pop("random", None),
+        task=_OWN_TASKS[task_name](robot, **kwargs),
+        **options,
+    )
+
+
+def _with_actuators(
+    domain_name: str, task_name: str, worn: _Worn, kwargs: Mapping[str, Any]
+) -> Any:
+    """The suite's environment, whose robot wears actuators."""
     if domain_name in _REASONS:
         raise ValueError(
             f"domain {domain_name!r} takes no actuators of ours: {_REASONS[domain_name]}"
         )
 
-    def drivetrain(root: mjcf.RootElement) -> Drivetrain:
-        return Drivetrain(
-            root,
-            actuators,
-            action=action,
-            default=default,
-            existing=existing,
-            laws=laws,
-            randomizations=randomizations,
-        )
-
     module = importlib.import_module(f"{dm_suite.__name__}.{domain_name}")
     make = _seeing(
         module.SUITE[task_name],
-        Physics=_Maker(module.Physics, drivetrain),
+        Physics=_Maker(module.Physics, worn.drivetrain),
         control=SimpleNamespace(Environment=ActuatedEnvironment),
     )
-    environment = make(**kwargs)
-    environment.task.visualize_reward = visualize_reward
-    return environment
+    return make(**kwargs)
 
 
 class _Maker:

@@ -237,12 +237,7 @@ class LockStep:
         """
         batch = self._batch
         batch.state[...] = state
-        spec = mujoco.mjtState.mjSTATE_CTRL.value
-        control = ctrl
-        if qfrc_applied is not None:
-            # State components are laid out in the order of their bits: ctrl comes first.
-            spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
-            control = np.concatenate([ctrl, qfrc_applied], axis=-1)
+        control, spec = _controls(ctrl, qfrc_applied)
         n_steps = ctrl.shape[1]
         shapes = {name: getattr(batch._data, name).shape for name in record}
         out = {name: np.empty((self.n_sims, n_steps, *shapes[name])) for name in record}
@@ -398,6 +393,16 @@ class LockStep:
         for values in out.values():
             values[failed] = np.nan
         return Rollout(records=out, failed=failed)
+
+
+def _controls(ctrl: FloatArray, qfrc_applied: FloatArray | None) -> tuple[FloatArray, int]:
+    """Controls, with applied efforts beside them, and the components of the state that they are."""
+    spec = int(mujoco.mjtState.mjSTATE_CTRL.value)
+    if qfrc_applied is None:
+        return ctrl, spec
+    # State components are laid out in the order of their bits: ctrl comes first.
+    spec |= int(mujoco.mjtState.mjSTATE_QFRC_APPLIED.value)
+    return np.concatenate([ctrl, qfrc_applied], axis=-1), spec
 
 
 def _with(model: mujoco.MjModel, fields: Mapping[str, NDArray[Any]]) -> mujoco.MjModel:

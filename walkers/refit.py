@@ -61,18 +61,8 @@ def with_actuators(
         ValueError: it is attached already, `default` has an unknown joint, or as
             `ActuatorGroup.edit_mjcf`.
     """
-    if not isinstance(walker, base.Walker):
-        raise TypeError(f"walker should be a dm_control walker, got {walker!r}")
-    if isinstance(walker, Actuated):
-        raise TypeError(
-            f"{type(walker).__name__} has actuators of ours already: give them when it is made"
-        )
+    _check_can_be_refitted(walker)
     root = walker.mjcf_model
-    if root.parent_model is not None:
-        raise ValueError(
-            f"{type(walker).__name__} is attached to {root.parent_model.model!r} already: put "
-            "actuators on it first, then attach it"
-        )
     if root.compiler.angle is None:
         # Some leave to the arena what unit their angles have: all of dm_control's say radian.
         root.compiler.angle = "radian"
@@ -95,6 +85,22 @@ def with_actuators(
     _forget_cached(walker)
     walker.observe(before)
     return walker
+
+
+def _check_can_be_refitted(walker: Any) -> None:
+    """Raises TypeError or ValueError where a walker can take no actuators of ours."""
+    if not isinstance(walker, base.Walker):
+        raise TypeError(f"walker should be a dm_control walker, got {walker!r}")
+    if isinstance(walker, Actuated):
+        raise TypeError(
+            f"{type(walker).__name__} has actuators of ours already: give them when it is made"
+        )
+    attached_to = walker.mjcf_model.parent_model
+    if attached_to is not None:
+        raise ValueError(
+            f"{type(walker).__name__} is attached to {attached_to.model!r} already: put "
+            "actuators on it first, then attach it"
+        )
 
 
 class _Refitted(Actuated):

@@ -14,7 +14,7 @@ it keeps the slash for itself: a slash of the file becomes a backslash.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -97,16 +97,8 @@ def read_robot(
     free = _free_joint(model, top)
     floats = free is not None if floating is None else floating
     alone = floats or free is not None
-    scene = {
-        body
-        for body in _trees(model)
-        if body != top and (alone or model.body_mocapid[body] >= 0 or _is_free(model, body))
-    }
-    joints = [
-        joint
-        for joint in range(model.njnt)
-        if joint != free and model.body_rootid[model.jnt_bodyid[joint]] not in scene
-    ]
+    scene = _scene(model, top, alone=alone)
+    joints = _joints_of(model, free, scene)
     bodies = {body.id: body for body in spec.bodies}
     for body in (chosen, top):
         bodies[body].name = bodies[body].name or "root_body"
@@ -118,11 +110,7 @@ def read_robot(
         for joint in free_joints:
             spec.delete(joint)
         _put_at_origin(bodies[top])
-    for flex in spec.flexes:
-        raise ValueError(
-            f"{path}: the flexible body {flex.name!r} cannot be attached to an arena: PyMJCF does "
-            "not rename what it refers to; take it out of the file"
-        )
+    _check_attachable(path, spec)
     spec.modelname = spec.modelname.replace("/", "_")
     with _refusals("MuJoCo", path):
         text = written(spec)
@@ -140,6 +128,33 @@ def read_robot(
         left_out=left_out,
         integrator=stated_integrator(path),
     )
+
+
+def _scene(model: mujoco.MjModel, top: int, *, alone: bool) -> set[int]:
+    """The trees of bodies that are not to come along: all but the robot's, where it is alone."""
+    return {
+        body
+        for body in _trees(model)
+        if body != top and (alone or model.body_mocapid[body] >= 0 or _is_free(model, body))
+    }
+
+
+def _joints_of(model: mujoco.MjModel, free: int | None, scene: Collection[int]) -> list[int]:
+    """The joints that come along, in kinematic order."""
+    return [
+        joint
+        for joint in range(model.njnt)
+        if joint != free and model.body_rootid[model.jnt_bodyid[joint]] not in scene
+    ]
+
+
+def _check_attachable(path: Path, spec: mujoco.MjSpec) -> None:
+    """Raises ValueError where PyMJCF would attach something wrongly."""
+    for flex in spec.flexes:
+        raise ValueError(
+            f"{path}: the flexible body {flex.name!r} cannot be attached to an arena: PyMJCF does "
+            "not rename what it refers to; take it out of the file"
+        )
 
 
 @contextlib.contextmanager

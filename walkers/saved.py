@@ -99,11 +99,7 @@ def saved_actuators(
         if entry is None:
             return SavedActuators(actuators=_taken_over(path, _compiled(path), joints, {}))
         learned = _learned(entry.get("stopgap", {}), path.parent) if stopgap else {}
-        python = {
-            j: of
-            for j, of in entry.get("in_python", {}).items()
-            if j not in learned and _has(joints, j)
-        }
+        python = _in_python(entry.get("in_python", {}), joints, learned)
         model = _compiled(path)
         step = float(model.opt.timestep)
         found = SavedActuators(
@@ -124,6 +120,13 @@ def saved_actuators(
     if stopgap and not learned:
         raise ValueError(f"{beside}: has no stopgap for {path.name}; leave stopgap out")
     return found
+
+
+def _in_python(
+    entry: Mapping[str, Any], joints: Collection[str] | None, learned: Collection[str]
+) -> dict[str, Any]:
+    """What the file says of the joints whose laws run in Python, where no learned drive is."""
+    return {j: of for j, of in entry.items() if j not in learned and _has(joints, j)}
 
 
 def _taken_over(

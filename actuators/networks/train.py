@@ -85,6 +85,27 @@ def train_mlp_actuator(
     """
     check_activation("`activation`", activation)
     check_history(history_length, input_order)
+    _check_numbers(hidden, max_epochs, patience, batch_size, learning_rate)
+    rows = TrainingRows.of(
+        {"position_error": position_error, "velocity": velocity, "effort": effort},
+        history_length=history_length,
+        input_order=input_order,
+        given={"pos_scale": pos_scale, "vel_scale": vel_scale, "torque_scale": torque_scale},
+        validation_fraction=validation_fraction,
+    )
+    fit = _Fit(rows, tuple(hidden), activation, np.random.default_rng(seed))
+    best_epoch, stopped_early = fit.on_one_thread(max_epochs, patience, batch_size, learning_rate)
+    return fit.trained(input_order, int(history_length), best_epoch, stopped_early)
+
+
+def _check_numbers(
+    hidden: Sequence[int],
+    max_epochs: int,
+    patience: int,
+    batch_size: int,
+    learning_rate: float,
+) -> None:
+    """Raises ValueError where one of them cannot be what it is for."""
     if not isinstance(hidden, Sequence):
         raise ValueError(f"`hidden` is {hidden!r}: use a tuple, one size for each layer")
     for name, count in (
@@ -97,33 +118,6 @@ def train_mlp_actuator(
             raise ValueError(f"`{name}` is {count!r}: use an integer of at least 1")
     if not 0 < learning_rate < np.inf:
         raise ValueError(f"`learning_rate` is {learning_rate!r}: use a number above 0, say 1e-3")
-    rows = TrainingRows.of(
-        {"position_error": position_error, "velocity": velocity, "effort": effort},
-        history_length=history_length,
-        input_order=input_order,
-        given={"pos_scale": pos_scale, "vel_scale": vel_scale, "torque_scale": torque_scale},
-        validation_fraction=validation_fraction,
-    )
-    fit = _Fit(rows, tuple(hidden), activation, np.random.default_rng(seed))
-    threads = fit.torch.get_num_threads()
-    # One thread sums in one order; and small networks are no faster with more.
-    fit.torch.set_num_threads(1)
-    try:
-        best_epoch, stopped_early = fit.run(max_epochs, patience, batch_size, learning_rate)
-    finally:
-        fit.torch.set_num_threads(threads)
-    torque = rows.scales["torque_scale"]
-    return TrainedMlp(
-        mlp=fit.best,
-        **rows.scales,
-        input_order=input_order,
-        history_length=int(history_length),
-        training_error=torque * np.sqrt(fit.training_losses),
-        validation_error=torque * np.sqrt(fit.validation_losses),
-        validation_spread=torque * float(np.std(rows.validation[1])),
-        best_epoch=best_epoch,
-        stopped_early=stopped_early,
-    )
 
 
 class _Fit:
@@ -133,6 +127,7 @@ class _Fit:
         self, rows: TrainingRows, hidden: tuple[int, ...], activation: str, rng: np.random.Generator
     ):
         self.torch = import_torch()
+        self._rows = rows
         self.training_losses: list[float] = []
         self.validation_losses: list[float] = []
         self._rng = rng
@@ -145,6 +140,34 @@ class _Fit:
             for before, after in pairwise(sizes)
         ]
         self.best = self._mlp()
+
+    def on_one_thread(
+        self, max_epochs: int, patience: int, batch_size: int, learning_rate: float
+    ) -> tuple[int, bool]:
+        """As `run`: one thread sums in one order, and small networks are no faster with more."""
+        threads = self.torch.get_num_threads()
+        self.torch.set_num_threads(1)
+        try:
+            return self.run(max_epochs, patience, batch_size, learning_rate)
+        finally:
+            self.torch.set_num_threads(threads)
+
+    def trained(
+        self, input_order: InputOrder, history_length: int, best_epoch: int, stopped_early: bool
+    ) -> TrainedMlp:
+        """The best network, with its errors in the unit of the effort."""
+        torque = self._rows.scales["torque_scale"]
+        return TrainedMlp(
+            mlp=self.best,
+            **self._rows.scales,
+            input_order=input_order,
+            history_length=history_length,
+            training_error=torque * np.sqrt(self.training_losses),
+            validation_error=torque * np.sqrt(self.validation_losses),
+            validation_spread=torque * float(np.std(self._rows.validation[1])),
+            best_epoch=best_epoch,
+            stopped_early=stopped_early,
+        )
 
     def run(
         self, max_epochs: int, patience: int, batch_size: int, learning_rate: float

@@ -8,7 +8,7 @@ export("result", "mjlab", model="go2.xml") # the same findings in the robot that
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -99,12 +99,7 @@ def export(
         InputError: the folder is none of ours, the trainer is unknown, it cannot simulate the
             model and would not say so, or the effects cannot act on the model.
     """
-    if to not in TRAINERS:
-        raise InputError(
-            f"--to {to}: is no trainer that is known{closest(to, TRAINERS)}; there are "
-            f"{', '.join(TRAINERS)}. Name one of them."
-        )
-    trainer: Trainer = to
+    trainer = _known(to)
     found = read_findings(Path(folder))
     target = Path(folder) / to if out is None else Path(out)
     if target.exists() and any(target.iterdir()) and not overwrite:
@@ -112,18 +107,7 @@ def export(
             f"{target}: is not empty. Give another folder with --out, or replace its files with "
             "--overwrite."
         )
-    given, told = found.robot, tuple[str, ...]()
-    if model is not None:
-        given = with_sidecar(load_robot(model, allow_outside=allow_outside), Path(model))
-        mended, told = reapplied(found, given, effects)
-        others = {one["effect"] for one in found.effects} - {*effects} if effects else set()
-        found = found.without({*others, *of_the_mount(found, given)})
-        found = replace(found, robot=mended)
-    elif effects:
-        raise InputError(
-            f"--effect {effects[0]}: the diagnosed model has all effects in it. Give with --model "
-            "the one that was diagnosed, or another of the robot, as it was before."
-        )
+    found, given, told = _on(model, found, effects, allow_outside=allow_outside)
     told = (*told, *set_for_the_recordings(found))
     check(found.robot, trainer, found.folder if model is None else Path(model))
     ranges = randomization_code(posterior(found), trainer)
@@ -139,19 +123,51 @@ def export(
         notes = (*notes, _HISTORY)
     if model is None and given.base is None:
         notes = (*notes, _FIXED)
-    lost = (
-        *suits.lost,
-        *(
-            f"{effect['effect']}: {found_way.says}"
-            for effect in found.effects
-            if (found_way := way(effect["effect"], trainer)).kind == "cannot"
-        ),
-    )
-    _write(
-        target / "export.json", json.dumps(_content(found, suits, trainer, lost, notes), indent=2)
-    )
+    lost = (*suits.lost, *_lost(found, trainer))
+    content = _content(found, suits, trainer, lost, notes)
+    _write(target / "export.json", json.dumps(content, indent=2))
     files = tuple(path for path in sorted(target.rglob("*")) if path.is_file())
     return Exported(folder=target, files=files, lost=lost, notes=notes)
+
+
+def _known(to: str) -> Trainer:
+    """A trainer by its name.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if to not in TRAINERS:
+        raise InputError(
+            f"--to {to}: is no trainer that is known{closest(to, TRAINERS)}; there are "
+            f"{', '.join(TRAINERS)}. Name one of them."
+        )
+    return to
+
+
+def _on(
+    model: str | Path | None, found: Findings, effects: Sequence[str], *, allow_outside: bool
+) -> tuple[Findings, Robot, tuple[str, ...]]:
+    """What was found, on the diagnosed model or on another; that as given; what is to be said."""
+    if model is None:
+        if effects:
+            raise InputError(
+                f"--effect {effects[0]}: the diagnosed model has all effects in it. Give with "
+                "--model the one that was diagnosed, or another of the robot, as it was before."
+            )
+        return found, found.robot, ()
+    given = with_sidecar(load_robot(model, allow_outside=allow_outside), Path(model))
+    mended, told = reapplied(found, given, effects)
+    others = {one["effect"] for one in found.effects} - {*effects} if effects else set()
+    found = found.without({*others, *of_the_mount(found, given)})
+    return replace(found, robot=mended), given, told
+
+
+def _lost(found: Findings, trainer: Trainer) -> Iterator[str]:
+    """The effects that a trainer cannot simulate, with why."""
+    for effect in found.effects:
+        found_way = way(effect["effect"], trainer)
+        if found_way.kind == "cannot":
+            yield f"{effect['effect']}: {found_way.says}"
 
 
 def _write_code(

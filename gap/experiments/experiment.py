@@ -30,6 +30,7 @@ from walkerkit.gap.ingest.importing import import_log
 from walkerkit.gap.ingest.readers import is_foreign
 from walkerkit.gap.recordings.files import check_file, is_recording
 from walkerkit.gap.recordings.given import (
+    Named,
     OneOrMore,
     check_keys,
     is_callable,
@@ -191,22 +192,7 @@ def load_experiments(
     path = Path(source)
     recordings, held_out = listed(recordings), listed(held_out)
     if path.suffix.lower() == ".toml":
-        if skip:
-            raise refusal(
-                f"{path}: a manifest says itself what is skipped, but {skip[0]!r} is given beside "
-                f'it. Write skip = ["{skip[0]}"] below its recordings.'
-            )
-        if recordings or held_out:
-            extra = [*recordings, *held_out][0]
-            raise refusal(
-                f"{path}: a manifest lists its recordings itself, but {_title(extra)} is given "
-                "beside it. Leave one of the two out."
-            )
-        if column_map is not None:
-            raise refusal(
-                f"{path}: a manifest names its maps itself. Write map = {str(column_map)!r} below "
-                "the [[experiment]] instead."
-            )
+        _check_alone(path, [*recordings, *held_out], skip, column_map)
         return load_manifest(path, allow_code=allow_code, allow_outside=allow_outside)
     _check_model(source)
     if not recordings and not held_out:
@@ -225,6 +211,30 @@ def load_experiments(
     return _named(
         [_Draft(model=source, fitted=[r for r in given if r not in held], held_out=held)], path
     )
+
+
+def _check_alone(
+    path: Path,
+    given: Sequence[Named],
+    skip: Sequence[str],
+    column_map: str | Path | None,
+) -> None:
+    """Raises InputError where something is given beside a manifest."""
+    if skip:
+        raise refusal(
+            f"{path}: a manifest says itself what is skipped, but {skip[0]!r} is given beside "
+            f'it. Write skip = ["{skip[0]}"] below its recordings.'
+        )
+    if given:
+        raise refusal(
+            f"{path}: a manifest lists its recordings itself, but {_title(given[0])} is given "
+            "beside it. Leave one of the two out."
+        )
+    if column_map is not None:
+        raise refusal(
+            f"{path}: a manifest names its maps itself. Write map = {str(column_map)!r} below "
+            "the [[experiment]] instead."
+        )
 
 
 class _Loader:

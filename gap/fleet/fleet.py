@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,12 +15,13 @@ from walkerkit.gap.fleet.comparison import Comparison, Row, compare
 from walkerkit.gap.fleet.engine import PROCESSES, Done, Failure, check_engine, run
 from walkerkit.gap.fleet.fleet_console import as_text
 from walkerkit.gap.fleet.fleet_page import write_page
-from walkerkit.gap.fleet.manifest import load_fleet
+from walkerkit.gap.fleet.manifest import Member, load_fleet
 from walkerkit.gap.fleet.member import Job, Made, diagnose_member
 from walkerkit.gap.recordings.checks import check_seconds
 from walkerkit.gap.report.output import DIAGNOSIS, check_folder, check_free, write_folder
 
 if TYPE_CHECKING:
+    from walkerkit.gap.effects import Effect
     from walkerkit.gap.workflow import OneOrMoreEffects
 
 SCHEMA = 1
@@ -127,11 +129,44 @@ def diagnose_fleet(
     check_seconds(window)
     out = Path(out)
     check_folder(out)
-    jobs = [
+    jobs = _jobs(
+        members, window, chosen, n_threads, allow_code=allow_code, allow_outside=allow_outside
+    )
+    if not overwrite:
+        _check_untouched(out, jobs)
+    diagnosed = partial(run, diagnose_member, engine=engine, address=address, workers=workers)
+    outcomes = _outcomes(out, jobs, diagnosed, overwrite=overwrite, ended=ended)
+    diagnoses = {one.robot: one.diagnosis for one in outcomes if one.diagnosis is not None}
+    fleet = Fleet(outcomes=outcomes, comparison=compare(diagnoses))
+    _write(fleet, out, title=Path(manifest).stem, overwrite=overwrite)
+    return fleet
+
+
+def _write(fleet: Fleet, out: Path, *, title: str, overwrite: bool) -> None:
+    """Writes what compares the robots."""
+
+    def write(made: Path) -> None:
+        (made / JSON).write_text(fleet.to_json(), encoding="utf-8")
+        write_page(fleet, made / REPORT, title=title)
+
+    write_folder(out, write, run={"kind": KIND}, overwrite=overwrite)
+
+
+def _jobs(
+    members: Sequence[Member],
+    window: float,
+    effects: tuple[str | Effect, ...] | None,
+    n_threads: int,
+    *,
+    allow_code: bool,
+    allow_outside: bool,
+) -> list[Job]:
+    """One for each robot."""
+    return [
         Job(
             member=member,
             window=window,
-            effects=chosen,
+            effects=effects,
             n_threads=n_threads,
             allow_code=allow_code,
             allow_outside=allow_outside,
@@ -139,16 +174,38 @@ def diagnose_fleet(
         )
         for member in members
     ]
-    if not overwrite:
-        check_free(out, (JSON, REPORT), kind=KIND, overwrite=False)
-        for job in jobs:
-            folders.check_robot(out / job.member.name, job)
+
+
+def _check_untouched(out: Path, jobs: Sequence[Job]) -> None:
+    """Raises InputError where a folder has what this run would replace."""
+    check_free(out, (JSON, REPORT), kind=KIND, overwrite=False)
+    for job in jobs:
+        folders.check_robot(out / job.member.name, job)
+
+
+def _outcomes(
+    out: Path,
+    jobs: Sequence[Job],
+    diagnosed: Callable[[Sequence[Job]], Iterator[Done[Made]]],
+    *,
+    overwrite: bool,
+    ended: Ended | None,
+) -> tuple[Outcome, ...]:
+    """What becomes of each robot, in the order of the jobs.
+
+    Args:
+        out: the fleet's folder.
+        jobs: one for each robot.
+        diagnosed: does jobs.
+        overwrite: whether what an earlier run has left is done again.
+        ended: called with each outcome as it comes.
+    """
     outcomes: dict[str, Outcome] = {}
 
     def add(outcome: Outcome) -> None:
         outcomes[outcome.robot] = outcome
         if ended is not None:
-            ended(outcome, len(outcomes), len(members))
+            ended(outcome, len(outcomes), len(jobs))
 
     left = []
     for job in jobs:
@@ -158,18 +215,9 @@ def diagnose_fleet(
             left.append(job)
         else:
             add(Outcome(robot=name, diagnosis=diagnosis, kept=True))
-    for done in run(diagnose_member, left, engine=engine, address=address, workers=workers):
+    for done in diagnosed(left):
         add(_written(out, left[done.index].member.name, done, overwrite))
-    ordered = tuple(outcomes[member.name] for member in members)
-    diagnoses = {one.robot: one.diagnosis for one in ordered if one.diagnosis is not None}
-    fleet = Fleet(outcomes=ordered, comparison=compare(diagnoses))
-
-    def write(made: Path) -> None:
-        (made / JSON).write_text(fleet.to_json(), encoding="utf-8")
-        write_page(fleet, made / REPORT, title=Path(manifest).stem)
-
-    write_folder(out, write, run={"kind": KIND}, overwrite=overwrite)
-    return fleet
+    return tuple(outcomes[job.member.name] for job in jobs)
 
 
 def _written(out: Path, robot: str, done: Done[Made], overwrite: bool) -> Outcome:

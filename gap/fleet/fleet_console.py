@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.text import Text
 
+from walkerkit.gap.bar import stages
 from walkerkit.gap.fleet import fleet_wording
 from walkerkit.gap.fleet.comparison import Row
 from walkerkit.gap.report.console import VERDICT_STYLES, Paragraph, Rows, heading, plain
@@ -14,7 +15,7 @@ from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.wording import estimate, label
 
 if TYPE_CHECKING:
-    from walkerkit.gap.fleet.fleet import Fleet, Outcome
+    from walkerkit.gap.fleet.fleet import Ended, Fleet, Outcome
 
 
 def render(fleet: Fleet) -> RenderableType:
@@ -52,6 +53,20 @@ def line(outcome: Outcome, number: int, total: int) -> Text:
     )
     kept = ", kept from an earlier run with the same input" if outcome.kept else ""
     return text.append(f" ({outcome.diagnosis['seconds']:.1f} s{kept})")
+
+
+def as_they_end(bar: Any, console: Console, *, lines: bool) -> Ended:
+    """What shows on a bar how many robots are done, and prints a line of each where it is to."""
+    progress = stages(bar)
+    progress("diagnosing", 0.0)
+    above = bar.console if bar.console.is_terminal else console  # the bar
+
+    def ended(outcome: Outcome, number: int, total: int) -> None:
+        progress(f"{number} of {total} robots", number / total)
+        if lines:
+            above.print(line(outcome, number, total), soft_wrap=True)
+
+    return ended
 
 
 def _why(outcome: Outcome) -> str:

@@ -48,7 +48,6 @@ def import_(
     The folder gets one recording for each log, or for each episode of a data set,
     and map.toml: correct what is wrong there, and give it back with --map.
     """
-    from walkerkit.gap.errors import refusal
     from walkerkit.gap.ingest.column_map import ColumnMap
     from walkerkit.gap.ingest.importing import import_log
     from walkerkit.gap.report.output import check_folder, write_folder
@@ -62,16 +61,7 @@ def import_(
         known = imported[0].map if imported else given
         imported.append(import_log(log, robot, known, calibration=calibration))
     suffix = ".csv" if csv else ".parquet"
-    files: dict[str, Imported] = {}
-    for one in imported:
-        for recording in one.recordings:
-            name = f"{recording.name}{suffix}"
-            if name in files:
-                raise refusal(
-                    f"{recording.source}: another log becomes {name} too. Import them one by one, "
-                    "each into a folder of its own."
-                )
-            files[name] = one
+    _check_names(imported, suffix)
 
     def write(made: Path) -> None:
         for one in imported:
@@ -81,6 +71,22 @@ def import_(
 
     write_folder(out, write, run={"kind": _KIND}, overwrite=overwrite)
     _tell(imported, out, suffix)
+
+
+def _check_names(imported: list[Imported], suffix: str) -> None:
+    """Raises InputError where two recordings would be one file."""
+    from walkerkit.gap.errors import refusal
+
+    names: set[str] = set()
+    for one in imported:
+        for recording in one.recordings:
+            name = f"{recording.name}{suffix}"
+            if name in names:
+                raise refusal(
+                    f"{recording.source}: another log becomes {name} too. Import them one by one, "
+                    "each into a folder of its own."
+                )
+            names.add(name)
 
 
 def _tell(imported: list[Imported], out: Path, suffix: str) -> None:

@@ -87,11 +87,45 @@ def targets_for(
     chosen = _chosen(robot, joints)
     lower, upper = _room(robot, chosen)
     notes = _before(robot, chosen)
-    met = ""
     time = np.arange(0.0, seconds, 1 / rate)
+    (low, high), targets, told = _fitting(robot, chosen, time, (lower, upper), share, speed, seed)
+    notes += told
+    small = _drawn(time, *_scaled(low, high, _SMALL), speed, seed)[ORDER[0]]
+    drawn = {f"1_small_{ORDER[0]}": small}
+    drawn |= {f"{k}_{name}": targets[name] for k, name in enumerate(ORDER, start=2)}
+    limits = _limits(chosen, time, low, high, drawn)
+    files = {
+        f"{name}.csv": {
+            "time": time,
+            **{f"{joint.name}/position_target": one[:, k] for k, joint in enumerate(chosen)},
+        }
+        for name, one in drawn.items()
+    }
+    purposes = {file: _purpose(file) for file in files}
+    text = readme(
+        robot.source, purposes, limits, HUNG, length=f"{seconds:g} s", rate=rate, notes=notes
+    )
+    return Battery(files=files, readme=text, notes=tuple(notes))
+
+
+def _fitting(
+    robot: Robot,
+    chosen: Sequence[Joint],
+    time: FloatArray,
+    room: tuple[FloatArray, FloatArray],
+    share: float,
+    speed: float,
+    seed: int,
+) -> tuple[tuple[FloatArray, FloatArray], dict[str, FloatArray], list[str]]:
+    """Targets in so much of their room that links do not meet in the model.
+
+    Returns:
+        The lowest and highest targets, the targets by name, and what is to be said of them.
+    """
+    met, notes = "", list[str]()
     for attempt in range(_TRIES):
         size = share * _SHRINK**attempt
-        low, high = _scaled(lower, upper, size)
+        low, high = _scaled(*room, size)
         targets = _drawn(time, low, high, speed, seed)
         meeting = _meeting(robot, chosen, time, targets)
         if meeting is None:
@@ -107,11 +141,18 @@ def targets_for(
             f"targets have {size / share:.0%} of their room, so that links do not meet in the "
             f"model, as {met} would"
         )
-    small = _drawn(time, *_scaled(low, high, _SMALL), speed, seed)[ORDER[0]]
-    drawn = {f"1_small_{ORDER[0]}": small}
-    drawn |= {f"{k}_{name}": targets[name] for k, name in enumerate(ORDER, start=2)}
-    names = [joint.name for joint in chosen]
-    limits = [
+    return (low, high), targets, notes
+
+
+def _limits(
+    chosen: Sequence[Joint],
+    time: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    drawn: Mapping[str, FloatArray],
+) -> list[Limits]:
+    """Where each joint is sent by the targets that were drawn."""
+    return [
         Limits(
             joint=joint.name,
             start=float(0.5 * (low[k] + high[k])),
@@ -122,18 +163,6 @@ def targets_for(
         )
         for k, joint in enumerate(chosen)
     ]
-    files = {
-        f"{name}.csv": {
-            "time": time,
-            **{f"{joint}/position_target": one[:, k] for k, joint in enumerate(names)},
-        }
-        for name, one in drawn.items()
-    }
-    purposes = {file: _purpose(file) for file in files}
-    text = readme(
-        robot.source, purposes, limits, HUNG, length=f"{seconds:g} s", rate=rate, notes=notes
-    )
-    return Battery(files=files, readme=text, notes=tuple(notes))
 
 
 def _before(robot: Robot, chosen: Sequence[Joint]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -79,19 +79,39 @@ def readme(
         "Look at each log before you send the next file: did every joint go where it was sent, and "
         "is every column there? Wait until the drives have cooled down.",
         "",
+        *_limits_told(limits),
+        *_log_told(limits, manner),
+        "## Then",
+        "",
+        "```",
+        f"walkerkit compare {model} recordings/*.parquet",
+        f"walkerkit diagnose {model} recordings/*.parquet --out diagnosis",
+        "```",
+        "",
+    ]
+    return "\n".join(told)
+
+
+def _limits_told(limits: Sequence[Limits]) -> Iterator[str]:
+    """The lines on where each joint is sent."""
+    yield from (
         "## Limits",
         "",
         "| joint | start | lowest | highest | fastest |",
         "|---|---|---|---|---|",
-    ]
+    )
     for one in limits:
         unit = "m" if one.slide else "rad"
-        told.append(
+        yield (
             f"| `{one.joint}` | {one.start:.3f} {unit} | {one.lower:.3f} | {one.upper:.3f} | "
             f"{one.speed:.2f} {unit}/s |"
         )
-    told += [
-        "",
+    yield ""
+
+
+def _log_told(limits: Sequence[Limits], manner: Manner) -> tuple[str, ...]:
+    """The lines on what to log."""
+    return (
         "## Log",
         "",
         "One row for each turn of the control loop, of what the drive was told and what it "
@@ -105,15 +125,7 @@ def readme(
         "formats (bags, JSON, NPZ, …) are read by `walkerkit import LOG --model MODEL --out "
         "recordings`.",
         "",
-        "## Then",
-        "",
-        "```",
-        f"walkerkit compare {model} recordings/*.parquet",
-        f"walkerkit diagnose {model} recordings/*.parquet --out diagnosis",
-        "```",
-        "",
-    ]
-    return "\n".join(told)
+    )
 
 
 _ALWAYS = (

@@ -18,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from walkerkit.gap.deliver.findings import Findings
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.policy.loading import Policy, load_policy
 from walkerkit.gap.policy.outcome import MEASURES, Judgement, Measure, Outcome, judged
 from walkerkit.gap.policy.policy_robot import PolicyRobot, check_in_place
-from walkerkit.gap.policy.policy_variants import Variant, findings_of, variants
+from walkerkit.gap.policy.policy_variants import Cast, Variant, findings_of, variants
 from walkerkit.gap.policy.rollout import (
     Tracking,
     draws_a_start,
@@ -189,6 +190,24 @@ def policy_gap(
     asked = load_policy(policy)
     seeds = range(seed, seed + episodes)
     outcomes, tracking, drawn = _rolled_out(cast.variants, made, asked, seeds, seconds, progress)
+    return _judged(cast, found, outcomes, tracking, drawn, measure=measure, margin=margin)
+
+
+def _judged(
+    cast: Cast,
+    found: Findings,
+    outcomes: Sequence[Outcome],
+    tracking: Tracking | None,
+    drawn: bool,
+    *,
+    measure: Measure,
+    margin: float,
+) -> PolicyGap:
+    """What the outcomes of all robots say.
+
+    Raises:
+        InputError: the policy cannot be judged by that.
+    """
     _check_measured(outcomes, measure)
     judgement = judged(outcomes, cast.effects, measure=measure, margin=margin)
     return PolicyGap(

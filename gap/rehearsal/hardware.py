@@ -24,55 +24,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
 import mujoco
-import mujoco.batch
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from walkerkit.actuators.drive import SCALAR_JOINTS
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.rehearsal.hardware_base import WIDTH, base_readings, free_joint, home
-from walkerkit.gap.rehearsal.hardware_companion import Companion
-from walkerkit.gap.rehearsal.hardware_controller import Controller
+from walkerkit.gap.rehearsal.hardware_base import base_readings
 from walkerkit.gap.rehearsal.hardware_drive import Drives, Source, load_rig, spec_of
-from walkerkit.gap.rehearsal.hardware_friction import Friction
-from walkerkit.gap.rehearsal.hardware_ground import Soil
 from walkerkit.gap.rehearsal.hardware_imu import Imu, contacts, felt, imu_readings
 from walkerkit.gap.rehearsal.hardware_log import Log, readings
-from walkerkit.gap.rehearsal.hardware_motor import Motor, swing_of
+from walkerkit.gap.rehearsal.hardware_motor import swing_of
 from walkerkit.gap.rehearsal.hardware_mount import EFFECT as MOUNT
-from walkerkit.gap.rehearsal.hardware_mount import Stand, mounted
-from walkerkit.gap.rehearsal.hardware_transmission import Stops, Transmission
-from walkerkit.gap.rehearsal.hardware_troubles import Troubles
+from walkerkit.gap.rehearsal.hardware_mount import mounted
+from walkerkit.gap.rehearsal.hardware_run import SETTLE, Ran, passive, run
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 
 Array = NDArray[np.float64]
 BaseLog = Literal["pose", "imu", "truth"]
 
-SETTLE: Final = 1.5
-"""How long the robot holds the first target before the log begins, s."""
-
 _LOGGED = ("position", "velocity", "effort")
-_STIFF = 0.5  # b h/I of a damping that explicit steps no longer follow; at 2 they diverge
-_LOST = 1e4  # rad/s: no joint of a walking robot comes back from there
-_LOOK = 64  # steps from one look for it to the next
 _OFF = (
     mujoco.mjtDisableBit.mjDSBL_ACTUATION
     # A reset in the middle of the log would hide that the robot went unstable.
     | mujoco.mjtDisableBit.mjDSBL_AUTORESET
 )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Loads:
-    """What the ground pushes feet up with, by the feet's names, (n_steps, n_sims, n_feet) N."""
-
-    names: tuple[str, ...]
-    loads: Array
 
 
 def run_hardware(
@@ -113,74 +91,132 @@ def run_hardware(
         RuntimeError: the robot went unstable.
     """
     model, drives = _build(source, hidden)
-    if int(substeps) != substeps or substeps < 1:
-        raise InputError(f"substeps is {substeps}; it must be a whole number of at least 1")
+    _check_substeps(substeps)
     model.opt.timestep /= substeps
     stride = _stride(rate, model.opt.timestep)
+    _check_jitter(jitter, rate)
+    commands = [_checked(i, command, drives) for i, command in enumerate(targets)]
+    names = _names(names, len(commands))
+    lead = math.ceil(SETTLE / model.opt.timestep)
+    log = Log(
+        drives, hidden, step=model.opt.timestep, stride=stride, start=lead, reads_first=reads_first
+    )
+    seeds = [[seed, i] for i in range(len(commands))]
+    sent = _sent(commands, log, lead, stride)
+    ran = run(model, drives, hidden, sent, start=lead, stride=stride, seeds=seeds)
+    writer = _Writer(
+        model, drives, hidden, log, ran, commands, rate=rate, stride=stride, base=base, seed=seed
+    )
+    return [writer.recording(i, name, jitter) for i, name in enumerate(names)]
+
+
+class _Writer:
+    """Writes the log of a run, with the noise of each experiment's sensors."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        drives: Drives,
+        hidden: Sequence[HiddenEffect],
+        log: Log,
+        ran: Ran,
+        commands: Sequence[Array],
+        *,
+        rate: float,
+        stride: int,
+        base: BaseLog,
+        seed: int,
+    ) -> None:
+        self._model, self._drives, self._log, self._ran = model, drives, log, ran
+        self._commands, self._rate, self._base, self._seed = commands, rate, base, seed
+        self._unit = Imu.drawn(np.random.default_rng([seed, len(commands)]))
+        count = max(map(len, commands))
+        self._swing, self._passive = swing_of(hidden), passive(model, drives)
+        self._rows = log.rows(ran.position, ran.speed, ran.effort, count=count)
+        self._poses = log.base_rows(ran.base, count=count)
+        self._swings = log.base_rows(ran.swung, count=count)
+        self._is_sensed = bool(self._poses.size) and base != "pose"
+        if self._is_sensed:
+            step = float(model.opt.timestep)
+            turned = felt(ran.base, step=step, stride=stride, gravity=model.opt.gravity)
+            self._turned = log.base_rows(turned, count=count)
+            self._stood = log.base_rows(contacts(ran.loads, step=step), count=count)
+
+    def recording(self, i: int, name: str, jitter: float) -> Recording:
+        """The log of experiment i."""
+        command, rng = self._commands[i], np.random.default_rng([self._seed, i])
+        count, other = len(command), np.random.default_rng([self._seed, i, 1])
+        columns = self._of_joints(i, command, rng)
+        swings = self._swings[:count, i]
+        columns |= _passive_columns(self._model, self._passive, swings, other)
+        if self._swing:
+            columns["voltage"] = self._log.voltage(count, self._swing, rng)
+        columns |= self._of_base(i, count, rng)
+        time = np.arange(count) / self._rate
+        if jitter:
+            most = 0.4 / self._rate
+            time = time + np.clip(jitter * rng.standard_normal(count), -most, most)
+        return Recording(name=name, time=time, columns=columns)
+
+    def _of_joints(self, i: int, command: Array, rng: np.random.Generator) -> dict[str, Array]:
+        """The columns of the joints that are driven."""
+        drives, told, count = self._drives, self._ran.told, len(command)
+        read = readings(self._rows[:, :count, i], rng)
+        logged = command if told is None else told.rows(count)[:, i]
+        return {
+            f"{joint}/{signal}": values[:, j]
+            for j, (joint, kind) in enumerate(zip(drives.joints, drives.kinds, strict=True))
+            for signal, values in zip((f"{kind}_target", *_LOGGED), (logged, *read), strict=True)
+        }
+
+    def _of_base(self, i: int, count: int, rng: np.random.Generator) -> dict[str, Array]:
+        """The columns of a base that floats, if it does."""
+        columns: dict[str, Array] = {}
+        if self._poses.size and self._base != "imu":
+            exact = self._base == "truth"
+            columns |= base_readings(self._poses[:count, i], rng, exact=exact)
+        if self._is_sensed:
+            columns |= imu_readings(self._turned[:count, i], self._unit, self._rate, rng)
+            columns |= {
+                f"{name}/contact": np.rint(self._stood[:count, i, k])
+                for k, name in enumerate(self._ran.feet)
+            }
+        return columns
+
+
+def _check_substeps(substeps: int) -> None:
+    """Raises InputError where the simulated robot's steps are no part of the model's."""
+    if int(substeps) != substeps or substeps < 1:
+        raise InputError(f"substeps is {substeps}; it must be a whole number of at least 1")
+
+
+def _check_jitter(jitter: float, rate: float) -> None:
+    """Raises InputError where time stamps would jitter too far."""
     if not 0 <= jitter <= 0.1 / rate:
         raise InputError(
             f"jitter is {jitter} s; give at most {0.1 / rate:g} s, a tenth of the time between "
             "samples"
         )
-    commands = [_checked(i, command, drives) for i, command in enumerate(targets)]
-    names = [f"experiment_{i}" for i in range(len(commands))] if names is None else names
-    if not commands or len(names) != len(commands):
+
+
+def _names(names: Sequence[str] | None, n: int) -> Sequence[str]:
+    """The names of n experiments, as given or numbered."""
+    names = [f"experiment_{i}" for i in range(n)] if names is None else names
+    if not n or len(names) != n:
         raise InputError(
-            f"{len(commands)} experiments have {len(names)} names; give at least one experiment, "
+            f"{n} experiments have {len(names)} names; give at least one experiment, "
             "and a name to each"
         )
+    return names
+
+
+def _sent(commands: Sequence[Array], log: Log, lead: int, stride: int) -> Array:
+    """Targets at each simulated step, held before and after the log as they begin and end."""
     longest = max(map(len, commands))
     together = np.stack([np.pad(c, ((0, longest - len(c)), (0, 0)), "edge") for c in commands], 1)
-    lead = math.ceil(SETTLE / model.opt.timestep)
-    log = Log(
-        drives, hidden, step=model.opt.timestep, stride=stride, start=lead, reads_first=reads_first
-    )
     held = np.repeat(together, stride, axis=0)
     ends = lead, max(log.values(longest) - lead - len(held), 0)
-    sent = np.pad(held, (ends, (0, 0), (0, 0)), "edge")
-    seeds = [[seed, i] for i in range(len(commands))]
-    *signals, states, swung, told, soil = _run(model, drives, hidden, sent, lead, stride, seeds)
-    rows = log.rows(*signals, count=longest)
-    poses = log.base_rows(states, count=longest)
-    passive = _passive(model, drives)
-    swings = log.base_rows(swung, count=longest)
-    step = float(model.opt.timestep)
-    unit = Imu.drawn(np.random.default_rng([seed, len(seeds)]))
-    if poses.size and base != "pose":
-        gravity = model.opt.gravity
-        turned = log.base_rows(
-            felt(states, step=step, stride=stride, gravity=gravity), count=longest
-        )
-        stood = log.base_rows(contacts(soil.loads, step=step), count=longest)
-    recordings = []
-    for i, (name, command) in enumerate(zip(names, commands, strict=True)):
-        rng = np.random.default_rng(seeds[i])
-        read = readings(rows[:, : len(command), i], rng)
-        logged = command if told is None else told.rows(len(command))[:, i]
-        columns = {
-            f"{joint}/{signal}": values[:, j]
-            for j, (joint, kind) in enumerate(zip(drives.joints, drives.kinds, strict=True))
-            for signal, values in zip((f"{kind}_target", *_LOGGED), (logged, *read), strict=True)
-        }
-        columns |= _passive_columns(
-            model, passive, swings[: len(command), i], np.random.default_rng([*seeds[i], 1])
-        )
-        if swing_of(hidden):
-            columns["voltage"] = log.voltage(len(command), swing_of(hidden), rng)
-        if poses.size and base != "imu":
-            poses_of = poses[: len(command), i]
-            columns |= base_readings(poses_of, rng, exact=base == "truth")
-        if poses.size and base != "pose":
-            columns |= imu_readings(turned[: len(command), i], unit, rate, rng)
-            columns |= {
-                f"{name}/contact": np.rint(stood[: len(command), i, k])
-                for k, name in enumerate(soil.names)
-            }
-        time = np.arange(len(command)) / rate
-        if jitter:
-            time = time + np.clip(jitter * rng.standard_normal(len(time)), -0.4 / rate, 0.4 / rate)
-        recordings.append(Recording(name=name, time=time, columns=columns))
-    return recordings
+    return np.pad(held, (ends, (0, 0), (0, 0)), "edge")
 
 
 def _build(source: Source, hidden: Sequence[HiddenEffect]) -> tuple[mujoco.MjModel, Drives]:
@@ -276,116 +312,6 @@ def _checked(index: int, targets: ArrayLike, drives: Drives) -> Array:
     return command
 
 
-def _run(
-    model: mujoco.MjModel,
-    drives: Drives,
-    hidden: Sequence[HiddenEffect],
-    sent: Array,
-    start: int,
-    stride: int,
-    seeds: Sequence[Sequence[int]],
-) -> tuple[Array, Array, Array, Array, Array, Companion | None, _Loads]:
-    """Steps all experiments together.
-
-    Args:
-        model: the bare rigid bodies; rotors are taken out of it.
-        drives: what moves them.
-        hidden: what drives and bodies do not say.
-        sent: where the joints should be, shape (n_steps, n_experiments, n_joints), rad.
-        start: the step at which the log begins.
-        stride: steps from one row of the log to the next.
-        seeds: of each experiment.
-
-    Returns:
-        Positions and speeds as the encoders read them and reported efforts at each step, shape as
-        `sent`; the state of a base that floats, shape (n_steps, n_experiments, 13), else (…, 0);
-        positions and speeds of the joints that nothing drives, (n_steps, n_experiments, 2 n); the
-        computer beside the robot, where there is one; and what its feet carry.
-    """
-    step, n_sims = float(model.opt.timestep), sent.shape[1]
-    controller = Controller(drives, hidden, step=step, n_sims=n_sims)
-    motor = Motor(drives, hidden, step=step, start=start)
-    friction = Friction(model, drives, hidden, step=step, n_sims=n_sims)
-    stops = Stops(model, drives, hidden)
-    troubles = Troubles(drives, hidden, step=step, n_steps=len(sent), seeds=seeds)
-    transmission = Transmission(model, drives, hidden, step=step, n_sims=n_sims)
-    stand = Stand(model, hidden)
-    soil = Soil(model, hidden, step=step, n_sims=n_sims)
-    told = None
-    if set(drives.kinds) != {"position"}:
-        told = Companion(drives, hidden, step=step, start=start, stride=stride, shape=sent.shape)
-    free = free_joint(model)
-    _follow_damping(model, drives, step)
-    # Only a persistent batch goes on from the velocities that the ground asks for.
-    batch = mujoco.batch.Batch(model, n_sims, nthread=1, persistent=soil.any)
-    stage = mujoco.mjtStage.mjSTAGE_VEL if soil.any else mujoco.mjtStage.mjSTAGE_NONE
-    qpos, qvel, applied = batch.bind("qpos"), batch.bind("qvel"), batch.bind("qfrc_applied")
-    qpos[:] = home(model)
-    ranges = np.where(model.jnt_limited[:, None], model.jnt_range, [-np.inf, np.inf])
-    lower, upper = ranges[model.dof_jntid[drives.dofs]].T
-    qpos[:, drives.qpos] = np.clip((sent[0] - drives.offset) / drives.slope, lower, upper)
-    position, speed, effort = np.empty((3, *sent.shape))
-    base = np.empty((*sent.shape[:2], 0 if free is None else WIDTH))
-    loads = np.zeros((*sent.shape[:2], len(soil.names)))
-    passive = _passive(model, drives)
-    at, its_dofs = model.jnt_qposadr[passive], model.jnt_dofadr[passive]
-    swung = np.empty((*sent.shape[:2], 2 * len(passive)))
-    if soil.any:
-        soil.watch(batch)
-    for k, target in enumerate(controller.arriving(sent, start=start)):
-        q, qd = qpos[:, drives.qpos], qvel[:, drives.dofs]
-        angle, rate = transmission.motor_side(q, qd)
-        position[k], speed[k] = drives.read(angle, rate)
-        swung[k] = np.hstack([qpos[:, at], qvel[:, its_dofs]])
-        if free is not None:
-            base[k, :, :7] = qpos[:, free[0] : free[0] + 7]
-            base[k, :, 7:] = qvel[:, free[1] : free[1] + 6]
-        if told is not None:
-            target = told.arrived(k, sent[k], position[k], speed[k])
-        effort[k] = motor.made(controller.asked(target, position[k], speed[k]), rate)
-        shaft = motor.delivered(effort[k], angle)
-        if transmission.any:
-            # The losses of a drive with a rotor are before its teeth.
-            turning = qvel.copy()
-            turning[:, drives.dofs] = rate
-            applied[:] = friction.effort(turning, angle, shaft)
-        else:
-            applied[:] = friction.effort(qvel, q, shaft)
-        load = transmission.link_effort(shaft + applied[:, drives.dofs], q, qd) + drives.springs(q)
-        if stops.any:
-            load += stops.effort(q, qd)
-        if troubles.any:
-            load += troubles.effort(k, q)
-        applied[:, drives.dofs] = load
-        if stand.any:
-            applied[:, stand.dofs] += stand.effort(qpos, qvel)
-        if soil.any:
-            soil.push(batch)
-            loads[k] = soil.carried
-        batch.step(stage=stage)
-        if k % _LOOK == 0 or k == len(sent) - 1:
-            lost = ~(np.abs(qvel).max(axis=1) < _LOST)
-            if lost.any():
-                raise RuntimeError(
-                    f"experiment {int(np.argmax(lost))} went unstable before "
-                    f"{k * step - SETTLE:.3f} s after its start; soften the model's gains, hide "
-                    "less, or raise substeps"
-                )
-    return position, speed, effort, base, swung, told, _Loads(names=soil.names, loads=loads)
-
-
-def _passive(model: mujoco.MjModel, drives: Drives) -> list[int]:
-    """Joints that swing by themselves, and have encoders; those of closed loops have none."""
-    return [
-        joint
-        for joint in range(model.njnt)
-        if model.jnt_type[joint] in SCALAR_JOINTS
-        and model.joint(joint).name
-        and model.joint(joint).name not in drives.joints
-        and not model.neq
-    ]
-
-
 def _passive_columns(
     model: mujoco.MjModel, passive: Sequence[int], states: Array, rng: np.random.Generator
 ) -> dict[str, Array]:
@@ -397,16 +323,3 @@ def _passive_columns(
         for j, joint in enumerate(passive)
         for signal, values in zip(_LOGGED[:2], read[:2], strict=True)
     }
-
-
-def _follow_damping(model: mujoco.MjModel, drives: Drives, step: float) -> None:
-    """Lets light joints with much damping be stepped, as MuJoCo's own damping is.
-
-    All efforts here are explicit, f(v): I (v' − v) = h f(v). Where a damping b stops a joint within
-    a step or so, that diverges. As of MuJoCo's own damping, it is then (I + h b)(v' − v) = h f(v),
-    which is as exact for all that is slower. It takes an armature of h b, of the bodies alone.
-    """
-    drag = drives.damping[0].copy()
-    drag[drives.dofs] += np.maximum(-drives.bias[2], 0.0)
-    stiff = drag * step * model.dof_invweight0 > _STIFF
-    model.dof_armature[stiff] += step * drag[stiff]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.rehearsal.hardware_drive import Source, load_rig, spec_of
+from walkerkit.gap.rehearsal.hardware_drive import Drives, Source, load_rig, spec_of
 from walkerkit.gap.rehearsal.hardware_ground import feet_and_legs
 from walkerkit.gap.rehearsal.hardware_log import COUNTS, EFFORT_NOISE, POSITION_NOISE
 from walkerkit.gap.rehearsal.hardware_mount import EFFECT as MOUNT
@@ -88,6 +88,50 @@ def draw_hidden(
     rotors = [
         n for n, dof in zip(drives.joints, drives.dofs, strict=True) if model.dof_armature[dof]
     ]
+    possible = _possible(source, drives, effects, rotors=bool(rotors), limits=nominal is not None)
+    effect = possible[int(rng.integers(len(possible)))]
+    usual = None if nominal is None else Usual.of(nominal, drives.joints)
+    elsewhere = _beside_joints(effect, source, model, rng, places)
+    if elsewhere is not None:
+        return elsewhere
+    sizes = joint_sizes(effect, model, drives, usual, rng)
+    if _KNOWN[effect].shared:
+        values = {parameter: float(size[0]) for parameter, size in sizes.items()}
+        return HiddenEffect(effect=effect, joints=("*",), values=values)
+    given, places = places, tuple(places or (rotors if effect in _ROTORS else drives.joints))
+    if given is None and len(places) > 1 and rng.uniform() < 0.5:
+        places = (places[int(rng.integers(len(places)))],)
+    return HiddenEffect(
+        effect=effect,
+        joints=places,
+        values={
+            f"{joint}/{parameter}": float(size[drives.joints.index(joint)])
+            for joint in places
+            for parameter, size in sizes.items()
+        },
+    )
+
+
+def _possible(
+    source: Source,
+    drives: Drives,
+    effects: Sequence[str] | None,
+    *,
+    rotors: bool,
+    limits: bool,
+) -> list[str]:
+    """Those of some effects, or of all, that a robot can have.
+
+    Args:
+        source: the robot.
+        drives: its drives.
+        effects: names to choose from; None for all of `HIDEABLE`.
+        rotors: whether joints have an armature.
+        limits: whether limits can be drawn.
+
+    Raises:
+        InputError: an unknown name, or it can have none.
+    """
     for name in effects or ():
         if name not in _KNOWN:
             raise InputError(
@@ -98,7 +142,7 @@ def draw_hidden(
     possible = [
         name
         for name in (HIDEABLE if effects is None else effects)
-        if (name not in ASKED or nominal is not None)
+        if (name not in ASKED or limits)
         and (name not in _ROTORS or rotors)
         and (name not in _SERVOS or servos)
         and (name != "supply_sag" or np.isfinite(drives.effort_range[1]).all())
@@ -112,8 +156,17 @@ def draw_hidden(
             f"{', '.join(_SERVOS)} a robot of position servos, "
             f"{MOUNT} the file of a robot with one body on the world"
         )
-    effect = possible[int(rng.integers(len(possible)))]
-    usual = None if nominal is None else Usual.of(nominal, drives.joints)
+    return possible
+
+
+def _beside_joints(
+    effect: str,
+    source: Source,
+    model: mujoco.MjModel,
+    rng: np.random.Generator,
+    places: Sequence[str] | None,
+) -> HiddenEffect | None:
+    """An effect of the base, the clock, a body or the ground; None for one of joints."""
     match effect:
         case "base_tilt":
             size, direction = rng.uniform(0.05, 0.15), rng.uniform(-np.pi, np.pi)
@@ -145,22 +198,7 @@ def draw_hidden(
             return HiddenEffect(
                 effect=effect, values={"stiffness": 0.25 * weight / rng.uniform(*_SINK)}
             )
-    sizes = joint_sizes(effect, model, drives, usual, rng)
-    if _KNOWN[effect].shared:
-        values = {parameter: float(size[0]) for parameter, size in sizes.items()}
-        return HiddenEffect(effect=effect, joints=("*",), values=values)
-    given, places = places, tuple(places or (rotors if effect in _ROTORS else drives.joints))
-    if given is None and len(places) > 1 and rng.uniform() < 0.5:
-        places = (places[int(rng.integers(len(places)))],)
-    return HiddenEffect(
-        effect=effect,
-        joints=places,
-        values={
-            f"{joint}/{parameter}": float(size[drives.joints.index(joint)])
-            for joint in places
-            for parameter, size in sizes.items()
-        },
-    )
+    return None
 
 
 def _is_mounted(source: Source) -> bool:

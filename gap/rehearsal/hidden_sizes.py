@@ -9,7 +9,7 @@ with the joints'; limits, stops and what a motor cannot do go with what the expe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -104,111 +104,153 @@ def joint_sizes(
     Returns:
         Parameter to sizes, shape (n_joints,).
     """
-    n = len(drives.joints)
-    sign = rng.choice([-1.0, 1.0], n)
-
-    def share(low: float, high: float) -> Array:
-        return rng.uniform(low, high, n)
-
-    def wave(amplitude: Array) -> dict[str, Array]:
-        periods = rng.integers(_FEWEST, _MOST, n, endpoint=True).astype(float)
-        return {"amplitude": amplitude, "periods": periods, "phase": share(-np.pi, np.pi)}
-
+    sign = rng.choice([-1.0, 1.0], len(drives.joints))
     if effect in ASKED:
         if usual is None:
             raise ValueError(f"{effect} is drawn in proportion to what the experiments ask for")
         return _asked(effect, drives, usual, rng)
+    if effect not in _SIZES:
+        raise ValueError(f"{effect} has no size at a joint")
     kp, inertia = drives.kp, model.dof_M0[drives.dofs]
     kd = np.where(drives.kd > 0, drives.kd, 2 * np.sqrt(kp * inertia))
     strongest = np.abs(drives.effort_range).max(axis=0)
     strongest = np.where(np.isfinite(strongest), strongest, kp * _SWING)
     if usual is not None:
         strongest = np.minimum(strongest, 3 * usual.effort)
-    match effect:
-        case "viscous_friction":
-            return {"damping": share(0.05, 0.2) * kd}
-        case "quadratic_drag":
-            return {"drag": share(0.03, 0.1) * kd}
-        case "coulomb_friction":
-            return {"frictionloss": share(0.01, 0.05) * strongest}
-        case "asymmetric_friction":
-            more, less = share(0.03, 0.06) * strongest, share(0.1, 0.5)
-            forward = np.where(sign > 0, more, less * more)
-            return {"forward": forward, "backward": np.where(sign > 0, less * more, more)}
-        case "stribeck_friction":
-            return {"breakaway": share(0.02, 0.06) * strongest, "velocity": share(0.1, 0.4)}
-        case "presliding_friction":
-            return {"frictionloss": share(0.02, 0.06) * strongest, "bend": share(0.005, 0.02)}
-        case "load_dependent_friction":
-            return {"coefficient": share(0.08, 0.25)}
-        case "directional_efficiency":
-            driving = share(0.7, 0.9)
-            return {"driving": driving, "backdriving": 1.0 + share(0.3, 1.0) * (1.0 / driving - 1)}
-        case "pose_dependent_friction":
-            return wave(share(0.03, 0.08) * strongest)
-        case "cogging":
-            return wave(share(0.01, 0.04) * strongest)
-        case "torque_ripple":
-            return wave(share(0.1, 0.3))
-        case "kinematic_error":
-            return wave(share(0.003, 0.012))
-        case "armature":
-            return {"armature": share(0.15, 0.6) * inertia.mean()}
-        case "backlash":
-            return {"width": share(0.01, 0.03)}
-        case "series_elasticity":
-            effort = strongest / 3 if usual is None else usual.effort
-            return {"stiffness": effort / share(0.02, 0.06)}
-        case "position_gain":
-            return {"delta_kp": sign * share(0.15, 0.35) * kp}
-        case "velocity_gain":
-            # A servo without velocity gain has none to lose.
-            return {"delta_kd": np.where(drives.bias[2] < 0, sign, 1) * share(0.25, 0.6) * kd}
-        case "torque_constant":
-            return {"alpha": sign * share(0.1, 0.25)}
-        case "torque_bias":
-            return {"bias": sign * share(0.017, 0.067) * strongest}
-        case "parallel_spring":
-            ids = model.dof_jntid[drives.dofs]
-            lower, upper = np.where(model.jnt_limited[ids], model.jnt_range[ids].T, 0.0)
-            return {
-                "stiffness": share(0.017, 0.083) * kp,
-                "springref": lower + share(0.1, 0.9) * (upper - lower),
-            }
-        case "supply_voltage":
-            return {"swing": share(0.1, 0.25)}
-        case "strength_drift":
-            return {"rate": share(0.01, 0.03)}
-        case "actuator_lag":
-            return {"time_constant": share(0.4, 1.0) * np.minimum(kd / kp, inertia / kd)}
-        case "loop_delay":
-            return {"delay": share(0.4, 0.8) * (inertia / kd).min()}
-        case "command_delay" | "sensor_delay":
-            return {"delay": share(0.004, 0.016)}
-        case "sample_and_hold":
-            return {"period": np.round(share(0.01, 0.03), 3)}
-        case "setpoint_filter":
-            return {"time_constant": share(0.01, 0.04)}
-        case "controller_deadband":
-            return {"width": share(0.008, 0.025)}
-        case "integral_action":
-            return {"gain": share(0.5, 2.0) * kp}
-        case "velocity_filter":
-            return {"time_constant": share(0.3, 0.8) * kd / kp}
-        case "encoder_offset":
-            return {"offset": sign * share(0.03, 0.1)}
-        case "encoder_gain":
-            return {"excess": sign * share(0.02, 0.08)}
-        case "random_pushes":
-            return {"effort": share(0.05, 0.15) * strongest}
-        case "pose_bump":
-            low, high = (-_REACH, _REACH) if usual is None else (usual.lower, usual.upper)
-            return {
-                "effort": sign * share(0.05, 0.12) * strongest,
-                "pose": low + share(0.25, 0.75) * (high - low),
-                "reach": share(0.05, 0.12) * (high - low),
-            }
-    raise ValueError(f"{effect} has no size at a joint")
+    draw = _Draw(
+        model=model,
+        drives=drives,
+        usual=usual,
+        rng=rng,
+        sign=sign,
+        kp=kp,
+        kd=kd,
+        inertia=inertia,
+        strongest=strongest,
+    )
+    return _SIZES[effect](draw)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Draw:
+    """What sizes are in proportion to, and the source of the draw; arrays are (n_joints,).
+
+    Attributes:
+        model, drives, usual, rng: as `joint_sizes` has them.
+        sign: of each joint's size, where it may be either.
+        kp, kd: of the servos [N·m/rad; N·m·s/rad]; where there is no kd, that of critical damping.
+        inertia: of the joints [kg·m²].
+        strongest: effort of the drives [N·m].
+    """
+
+    model: mujoco.MjModel
+    drives: Drives
+    usual: Usual | None
+    rng: np.random.Generator
+    sign: Array
+    kp: Array
+    kd: Array
+    inertia: Array
+    strongest: Array
+
+    def share(self, low: float, high: float) -> Array:
+        """A number for each joint."""
+        return self.rng.uniform(low, high, len(self.kp))
+
+    def wave(self, amplitude: Array) -> dict[str, Array]:
+        """A wave over the pose, of this amplitude."""
+        periods = self.rng.integers(_FEWEST, _MOST, len(self.kp), endpoint=True).astype(float)
+        return {"amplitude": amplitude, "periods": periods, "phase": self.share(-np.pi, np.pi)}
+
+
+def _asymmetric_friction(d: _Draw) -> dict[str, Array]:
+    """One way has more friction than the other."""
+    more, less = d.share(0.03, 0.06) * d.strongest, d.share(0.1, 0.5)
+    forward = np.where(d.sign > 0, more, less * more)
+    return {"forward": forward, "backward": np.where(d.sign > 0, less * more, more)}
+
+
+def _directional_efficiency(d: _Draw) -> dict[str, Array]:
+    """A gear that is driven back loses more."""
+    driving = d.share(0.7, 0.9)
+    return {"driving": driving, "backdriving": 1.0 + d.share(0.3, 1.0) * (1.0 / driving - 1)}
+
+
+def _series_elasticity(d: _Draw) -> dict[str, Array]:
+    """The usual effort twists a gear by so many radians."""
+    effort = d.strongest / 3 if d.usual is None else d.usual.effort
+    return {"stiffness": effort / d.share(0.02, 0.06)}
+
+
+def _parallel_spring(d: _Draw) -> dict[str, Array]:
+    """A spring rests within a joint's range."""
+    ids = d.model.dof_jntid[d.drives.dofs]
+    lower, upper = np.where(d.model.jnt_limited[ids], d.model.jnt_range[ids].T, 0.0)
+    return {
+        "stiffness": d.share(0.017, 0.083) * d.kp,
+        "springref": lower + d.share(0.1, 0.9) * (upper - lower),
+    }
+
+
+def _pose_bump(d: _Draw) -> dict[str, Array]:
+    """A bump is somewhere between the usual poses."""
+    low, high = (-_REACH, _REACH) if d.usual is None else (d.usual.lower, d.usual.upper)
+    return {
+        "effort": d.sign * d.share(0.05, 0.12) * d.strongest,
+        "pose": low + d.share(0.25, 0.75) * (high - low),
+        "reach": d.share(0.05, 0.12) * (high - low),
+    }
+
+
+_SIZES: Final[Mapping[str, Callable[[_Draw], dict[str, Array]]]] = {
+    "viscous_friction": lambda d: {"damping": d.share(0.05, 0.2) * d.kd},
+    "quadratic_drag": lambda d: {"drag": d.share(0.03, 0.1) * d.kd},
+    "coulomb_friction": lambda d: {"frictionloss": d.share(0.01, 0.05) * d.strongest},
+    "asymmetric_friction": _asymmetric_friction,
+    "stribeck_friction": lambda d: {
+        "breakaway": d.share(0.02, 0.06) * d.strongest,
+        "velocity": d.share(0.1, 0.4),
+    },
+    "presliding_friction": lambda d: {
+        "frictionloss": d.share(0.02, 0.06) * d.strongest,
+        "bend": d.share(0.005, 0.02),
+    },
+    "load_dependent_friction": lambda d: {"coefficient": d.share(0.08, 0.25)},
+    "directional_efficiency": _directional_efficiency,
+    "pose_dependent_friction": lambda d: d.wave(d.share(0.03, 0.08) * d.strongest),
+    "cogging": lambda d: d.wave(d.share(0.01, 0.04) * d.strongest),
+    "torque_ripple": lambda d: d.wave(d.share(0.1, 0.3)),
+    "kinematic_error": lambda d: d.wave(d.share(0.003, 0.012)),
+    "armature": lambda d: {"armature": d.share(0.15, 0.6) * d.inertia.mean()},
+    "backlash": lambda d: {"width": d.share(0.01, 0.03)},
+    "series_elasticity": _series_elasticity,
+    "position_gain": lambda d: {"delta_kp": d.sign * d.share(0.15, 0.35) * d.kp},
+    # A servo without velocity gain has none to lose.
+    "velocity_gain": lambda d: {
+        "delta_kd": np.where(d.drives.bias[2] < 0, d.sign, 1) * d.share(0.25, 0.6) * d.kd
+    },
+    "torque_constant": lambda d: {"alpha": d.sign * d.share(0.1, 0.25)},
+    "torque_bias": lambda d: {"bias": d.sign * d.share(0.017, 0.067) * d.strongest},
+    "parallel_spring": _parallel_spring,
+    "supply_voltage": lambda d: {"swing": d.share(0.1, 0.25)},
+    "strength_drift": lambda d: {"rate": d.share(0.01, 0.03)},
+    "actuator_lag": lambda d: {
+        "time_constant": d.share(0.4, 1.0) * np.minimum(d.kd / d.kp, d.inertia / d.kd)
+    },
+    "loop_delay": lambda d: {"delay": d.share(0.4, 0.8) * (d.inertia / d.kd).min()},
+    "command_delay": lambda d: {"delay": d.share(0.004, 0.016)},
+    "sensor_delay": lambda d: {"delay": d.share(0.004, 0.016)},
+    "sample_and_hold": lambda d: {"period": np.round(d.share(0.01, 0.03), 3)},
+    "setpoint_filter": lambda d: {"time_constant": d.share(0.01, 0.04)},
+    "controller_deadband": lambda d: {"width": d.share(0.008, 0.025)},
+    "integral_action": lambda d: {"gain": d.share(0.5, 2.0) * d.kp},
+    "velocity_filter": lambda d: {"time_constant": d.share(0.3, 0.8) * d.kd / d.kp},
+    "encoder_offset": lambda d: {"offset": d.sign * d.share(0.03, 0.1)},
+    "encoder_gain": lambda d: {"excess": d.sign * d.share(0.02, 0.08)},
+    "random_pushes": lambda d: {"effort": d.share(0.05, 0.15) * d.strongest},
+    "pose_bump": _pose_bump,
+}
+"""Effects of joints to the sizes of their parameters."""
 
 
 def _asked(effect: str, drives: Drives, usual: Usual, rng: np.random.Generator) -> dict[str, Array]:

@@ -15,8 +15,9 @@ only where that floats, and has spheres for feet and a level plane. A timestep i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError, closest
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.rehearsal.hardware import nearest_rate, run_hardware
+from walkerkit.gap.rehearsal.hardware import BaseLog, nearest_rate, run_hardware
 from walkerkit.gap.rehearsal.hardware_drive import Drives, Source
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.rehearsal.hidden_draw import draw_hidden, loudness
@@ -96,13 +97,77 @@ def rehearse(
     """
     names = [] if hide is None else [name for name in hide if name != "none"]
     _check_hideable(names)
+    _check_seconds(seconds)
+    rng = np.random.default_rng(seed)
+    floating = imu or any(name in GROUND for name in names)
+    robot = load_robot(model, floating=floating, allow_outside=allow_outside)
+    drives = _checked_drives(robot, model, names, imu=imu)
+    rate = nearest_rate(RATE, robot.model.opt.timestep)
+    sent = _targets(robot, np.arange(0.0, seconds, 1 / rate), rng)
+    # Efforts are what was sent, and replays of them restart every half second.
+    by_effort = "effort" in drives.kinds
+    shows = partial(_in_the_gap, model, allow_outside) if by_effort else None
+    with without_warnings():  # what diverges is said below, or tried otherwise
+        nominal, substeps = _stable(robot, sent, seed, rate)
+        hidden, recordings = [], nominal
+        for choice in [None] if hide is None else [[name] for name in names]:
+            effect, recordings = draw_loud(
+                robot.spec,
+                sent,
+                rng,
+                choice,
+                nominal=nominal,
+                seed=seed,
+                substeps=substeps,
+                rate=rate,
+                shows=shows,
+            )
+            hidden.append(effect)
+        if len(hidden) > 1 or imu:
+            run = partial(run_hardware, robot.spec, sent, seed=seed, rate=rate, substeps=substeps)
+            recordings = _with_all(run, hidden, model, names, base="imu" if imu else "pose")
+    return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
+
+
+def _check_seconds(seconds: float) -> None:
+    """Raises InputError where experiments would be too short or too long."""
     if not 1 <= seconds <= LONGEST:
         raise InputError(
             f"seconds is {seconds:g}; an experiment takes at least 1 s and at most {LONGEST:g} s."
         )
-    rng = np.random.default_rng(seed)
-    floating = imu or any(name in GROUND for name in names)
-    robot = load_robot(model, floating=floating, allow_outside=allow_outside)
+
+
+def _in_the_gap(model: str | Path, allow_outside: bool, found: Sequence[Recording]) -> bool:
+    """Whether the gap of some recordings stands out from the noise of a joint."""
+    joints = compare(model, found, allow_outside=allow_outside).gap.joints.values()
+    return any(size.before > LOUD * size.noise_floor for size in joints)
+
+
+def _with_all(
+    run: Callable[..., list[Recording]],
+    hidden: Sequence[HiddenEffect],
+    model: str | Path,
+    names: Sequence[str],
+    *,
+    base: BaseLog,
+) -> list[Recording]:
+    """The experiments with all that is hidden together."""
+    try:
+        return run(hidden=hidden, names=EXPERIMENTS, base=base)
+    except RuntimeError:
+        raise InputError(
+            f"{model}: with {' and '.join(names)} together the robot goes unstable. Hide "
+            "fewer of them, or draw others with another --seed."
+        ) from None
+
+
+def _checked_drives(robot: Robot, model: str | Path, names: Sequence[str], *, imu: bool) -> Drives:
+    """The drives of a robot that can be rehearsed with.
+
+    Raises:
+        InputError: its hardware would lack something, or one of these effects or the inertial unit
+            cannot be had.
+    """
     _check_as_given(robot)
     for name in names:
         problem = why_not(CATALOGUE[name], [robot], list(robot.joints))
@@ -124,57 +189,18 @@ def rehearse(
             "floats, or leave imu out."
         )
     try:
-        drives = Drives(robot.model)
+        return Drives(robot.model)
     except InputError as error:
         raise InputError(f"{model}: {error}") from None
-    targets = [BATTERY[name] for name in EXPERIMENTS]
-    rate = nearest_rate(RATE, robot.model.opt.timestep)
-    time = np.arange(0.0, seconds, 1 / rate)
+
+
+def _targets(robot: Robot, time: FloatArray, rng: np.random.Generator) -> list[FloatArray]:
+    """The targets of each experiment, (T, n_joints)."""
     lower, upper = _room(robot)
-    sent = [
-        signal(time, lower=lower, upper=upper, rng=rng, max_velocity=_SPEED) for signal in targets
+    return [
+        BATTERY[name](time, lower=lower, upper=upper, rng=rng, max_velocity=_SPEED)
+        for name in EXPERIMENTS
     ]
-
-    def in_the_gap(found: Sequence[Recording]) -> bool:
-        joints = compare(model, found, allow_outside=allow_outside).gap.joints.values()
-        return any(size.before > LOUD * size.noise_floor for size in joints)
-
-    choices = [None] if hide is None else [[name] for name in names]
-    with without_warnings():  # what diverges is said below, or tried otherwise
-        nominal, substeps = _stable(robot, sent, seed, rate)
-        hidden, recordings = [], nominal
-        for choice in choices:
-            effect, recordings = draw_loud(
-                robot.spec,
-                sent,
-                rng,
-                choice,
-                nominal=nominal,
-                seed=seed,
-                substeps=substeps,
-                rate=rate,
-                # Efforts are what was sent, and replays of them restart every half second.
-                shows=in_the_gap if "effort" in drives.kinds else None,
-            )
-            hidden.append(effect)
-        if len(hidden) > 1 or imu:
-            try:
-                recordings = run_hardware(
-                    robot.spec,
-                    sent,
-                    seed=seed,
-                    hidden=hidden,
-                    rate=rate,
-                    names=EXPERIMENTS,
-                    substeps=substeps,
-                    base="imu" if imu else "pose",
-                )
-            except RuntimeError:
-                raise InputError(
-                    f"{model}: with {' and '.join(names)} together the robot goes unstable. Hide "
-                    "fewer of them, or draw others with another --seed."
-                ) from None
-    return Rehearsal(recordings=tuple(recordings), hidden=tuple(hidden))
 
 
 def _stable(
@@ -265,40 +291,37 @@ def draw_loud(
     Raises:
         InputError: none of the effects can be made to show.
     """
-    names = [recording.name for recording in nominal]
-    unstable = 0
+    names, unstable = [recording.name for recording in nominal], 0
+    run = partial(
+        run_hardware, model, targets, rate=rate, seed=seed, names=names, substeps=substeps
+    )
     for _ in range(_DRAWS):
         hidden = draw_hidden(model, rng, effects, nominal=nominal, places=places)
         for _ in range(_GROWTHS):
             try:
-                found = run_hardware(
-                    model,
-                    targets,
-                    rate=rate,
-                    seed=seed,
-                    hidden=[hidden],
-                    names=names,
-                    substeps=substeps,
-                )
+                found = run(hidden=[hidden])
             except RuntimeError:
                 unstable += 1
                 hidden = hidden.stronger(1 / _GROWTH**2)
                 continue
-            loud = loudness(nominal[-1:], found[-1:], signals)
-            own = [joint for joint in hidden.joints if joint != "*"]
-            quiet = [joint for joint in own or loud if loud[joint] < LOUD]
-            # An effect of all or of a body may show at some joints only.
-            if (not quiet or (not own and len(quiet) < len(loud))) and (
-                shows is None or shows(found)
-            ):
+            louder = _louder(hidden, loudness(nominal[-1:], found[-1:], signals))
+            if louder is None and (shows is None or shows(found)):
                 return hidden, found
-            hidden = hidden.stronger(_GROWTH, (quiet or None) if own else None)
-    what = ", ".join(effects or HIDEABLE)
+            hidden = hidden.stronger(_GROWTH) if louder is None else louder
+    why = "none shows in the last experiment; let it move more, or"
     if unstable == _DRAWS * _GROWTHS:
-        raise InputError(f"{what}: the robot goes unstable with it; hide something else.")
-    raise InputError(
-        f"{what}: none shows in the last experiment; let it move more, or hide something else."
-    )
+        why = "the robot goes unstable with it;"
+    raise InputError(f"{', '.join(effects or HIDEABLE)}: {why} hide something else.")
+
+
+def _louder(hidden: HiddenEffect, loud: Mapping[str, float]) -> HiddenEffect | None:
+    """An effect made stronger where it is quiet; None where it shows as it is."""
+    own = [joint for joint in hidden.joints if joint != "*"]
+    quiet = [joint for joint in own or loud if loud[joint] < LOUD]
+    # An effect of all or of a body may show at some joints only.
+    if not quiet or (not own and len(quiet) < len(loud)):
+        return None
+    return hidden.stronger(_GROWTH, quiet if own else None)
 
 
 def _room(robot: Robot) -> tuple[FloatArray, FloatArray]:

@@ -59,30 +59,7 @@ def waterfall(diagnosis: Diagnosis) -> Specification:
             },
         )
     )
-    for name, sign, color, shape in (
-        ("taken away", 1, SKY, "\\"),
-        ("added", -1, VERMILLION, "x"),
-    ):
-        changes = [
-            (row, min(before, after), abs(before - after))
-            for row, (_, before, after) in zip(rows, steps, strict=True)
-            if math.isfinite(before - after) and sign * (before - after) > 0
-        ]
-        if changes:
-            figure.add_bar(
-                x=[change * unit.factor for _, _, change in changes],
-                base=[start * unit.factor for _, start, _ in changes],
-                y=[row for row, _, _ in changes],
-                orientation="h",
-                width=_BAR,
-                name=name,
-                hoverinfo="skip",
-                marker={
-                    "color": "#FFFFFF",
-                    "line": {"color": color, "width": 1},
-                    "pattern": {"shape": shape, "fgcolor": color, "size": 5, "solidity": 0.25},
-                },
-            )
+    _add_changes(figure, steps, rows, unit.factor)
     ends = [-0.7, len(steps) - 0.6]
     for name, floor, dash, color in floors:
         figure.add_scatter(
@@ -107,6 +84,39 @@ def waterfall(diagnosis: Diagnosis) -> Specification:
     )
     figure.update_layout(barmode="overlay")
     return specification(figure, height=120 + 56 * len(steps), above=56)
+
+
+def _add_changes(
+    figure: go.Figure,
+    steps: list[tuple[str, float, float]],
+    rows: list[float],
+    factor: float,
+) -> None:
+    """Adds bars of what each step takes away or adds."""
+    for name, sign, color, shape in (
+        ("taken away", 1, SKY, "\\"),
+        ("added", -1, VERMILLION, "x"),
+    ):
+        changes = [
+            (row, min(before, after), abs(before - after))
+            for row, (_, before, after) in zip(rows, steps, strict=True)
+            if math.isfinite(before - after) and sign * (before - after) > 0
+        ]
+        if changes:
+            figure.add_bar(
+                x=[change * factor for _, _, change in changes],
+                base=[start * factor for _, start, _ in changes],
+                y=[row for row, _, _ in changes],
+                orientation="h",
+                width=_BAR,
+                name=name,
+                hoverinfo="skip",
+                marker={
+                    "color": "#FFFFFF",
+                    "line": {"color": color, "width": 1},
+                    "pattern": {"shape": shape, "fgcolor": color, "size": 5, "solidity": 0.25},
+                },
+            )
 
 
 def _steps(diagnosis: Diagnosis, signal: str) -> list[tuple[str, float, float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -63,18 +63,10 @@ def notes(
         only: their names, where it was not the whole catalogue.
     """
     seen = {recording.name: recording for recording in problem.recordings}
-    wholes = {recording.whole.name for recording in seen.values()}
+    wholes = {recording.whole.name: recording.whole for recording in seen.values()}
     for error in named_errors([*seen.values()]):
-        yield error.sentence(wholes <= {*error.recordings})
-    if math.isnan(gap.position.before):
-        steps = " and ".join(
-            f"{robot.source} at its timestep of {robot.model.opt.timestep:g} s"
-            for robot in problem.robots
-        )
-        yield (
-            f"The simulation diverges with the model as it was given: {steps}. Give it a shorter "
-            'timestep or integrator="implicitfast": no effect can be seen before.'
-        )
+        yield error.sentence(wholes.keys() <= {*error.recordings})
+    yield from _diverging(problem, gap)
     halves = problem.fit.recordings, problem.held.recordings
     logged = [
         (robot, (*fit, *held)) for robot, fit, held in zip(problem.robots, *halves, strict=True)
@@ -89,6 +81,43 @@ def notes(
                 f"{named.effect} is the shorter name for {' and '.join(pair)} together, which "
                 f"leave the same log. {reason}"
             )
+    yield from _constant_errors(gap, scales, offsets)
+    yield from _of_verdict(verdict, gap, searched, only)
+    yield from _numerical_error(problem, gap, effects, searched=searched)
+    yield from _brief(wholes.values())
+    yield from _how_replayed(problem)
+    if gap.horizon is not None:
+        yield (
+            f"{_why_restarted(logged)}, so replays restart from the measured state every "
+            f"{gap.horizon:g} s; what the noise of that state makes of them is part of the noise "
+            "floor."
+        )
+    yield from dict.fromkeys(note for robot in problem.robots for note in robot.notes)
+    yield from folded(seen.values())
+    for told in (_passive, _in_volts, _unsent):
+        yield from dict.fromkeys(note for pair in logged for note in told(*pair))
+    unused = sorted({column for recording in seen.values() for column in recording.unused})
+    if unused:
+        yield f"Columns that nothing uses: {', '.join(unused)}."
+
+
+def _diverging(problem: Problem, gap: Gap) -> Iterator[str]:
+    """That the models as they were given cannot be simulated."""
+    if math.isnan(gap.position.before):
+        steps = " and ".join(
+            f"{robot.source} at its timestep of {robot.model.opt.timestep:g} s"
+            for robot in problem.robots
+        )
+        yield (
+            f"The simulation diverges with the model as it was given: {steps}. Give it a shorter "
+            'timestep or integrator="implicitfast": no effect can be seen before.'
+        )
+
+
+def _constant_errors(
+    gap: Gap, scales: Mapping[str, float], offsets: Mapping[str, float]
+) -> Iterator[str]:
+    """What is wrong with a column in every motion alike."""
     if scales:
         listed = ", ".join(f"{scale:.4g} times at {joint}" for joint, scale in scales.items())
         yield (
@@ -101,6 +130,12 @@ def notes(
             f"{'more' if offset > 0 else 'less'} than the simulation's in every motion, and hardly "
             "anything else is wrong with it: see whether the log and the drive have the same zero."
         )
+
+
+def _of_verdict(
+    verdict: Verdict, gap: Gap, searched: bool, only: Sequence[str] | None
+) -> Iterator[str]:
+    """What the verdict leaves to be done."""
     if verdict == "unexplained":
         yield (
             f"Nothing {'in the catalogue' if only is None else 'that was tried'} makes the "
@@ -121,32 +156,46 @@ def notes(
                     f"The {signal} error is {before} before and {after} after: what is named "
                     f"explains {percent(size.closed)} of the way to its floor."
                 )
-    if gap.finer_position is not None:
-        chosen = _chosen_timestep(effects)
-        step, unit = chosen or problem.robots[0].model.opt.timestep, gap.position.unit
-        finer = gap.finer_position
-        moved, before, after = (
-            quantity(size, unit)
-            for size in (gap.position.numerical_floor, finer.before, finer.after)
-        )
-        move, dry = "moves", ""
-        if gap.drier:
-            move, dry = "and its soft dry friction move", ", with friction as dry as it goes,"
-        yield (
-            f"The simulation's own timestep of {step:g} s {move} the positions by "
-            f"{moved}, more than the noise"
-            f"{'; effects were judged with that error taken out' if searched else ''}. At a "
-            f"quarter of the timestep{dry} the position error is "
-            # That of the model as given is another timestep's.
-            f"{after if chosen else f'{before} before and {after} after' if effects else before}."
-        )
-    seconds = sum(r.whole.duration for r in {r.whole.name: r for r in seen.values()}.values())
+
+
+def _numerical_error(
+    problem: Problem, gap: Gap, effects: Sequence[NamedEffect], *, searched: bool
+) -> Iterator[str]:
+    """How far the timestep moves the positions, where that is more than the noise."""
+    if gap.finer_position is None:
+        return
+    chosen = _chosen_timestep(effects)
+    step, unit = chosen or problem.robots[0].model.opt.timestep, gap.position.unit
+    finer = gap.finer_position
+    moved, before, after = (
+        quantity(size, unit) for size in (gap.position.numerical_floor, finer.before, finer.after)
+    )
+    move, dry = "moves", ""
+    if gap.drier:
+        move, dry = "and its soft dry friction move", ", with friction as dry as it goes,"
+    yield (
+        f"The simulation's own timestep of {step:g} s {move} the positions by "
+        f"{moved}, more than the noise"
+        f"{'; effects were judged with that error taken out' if searched else ''}. At a "
+        f"quarter of the timestep{dry} the position error is "
+        # That of the model as given is another timestep's.
+        f"{after if chosen else f'{before} before and {after} after' if effects else before}."
+    )
+
+
+def _brief(wholes: Collection[Recording]) -> Iterator[str]:
+    """That the recordings are too short."""
+    seconds = sum(whole.duration for whole in wholes)
     if seconds < _BRIEF:
         yield (
             f"All recordings together last {seconds:.2g} s, in which few effects show: neither a "
             "name nor that nothing is missing holds beyond them. Record some ten seconds of each "
             "kind of motion."
         )
+
+
+def _how_replayed(problem: Problem) -> Iterator[str]:
+    """What the recordings themselves said of how to replay them."""
     if any(robot.reads_effort_first for robot in problem.robots):
         yield (
             "Efforts were taken to be read before the targets beside them act, or in the cycle "
@@ -171,19 +220,6 @@ def notes(
             "recordings better than holding them: the log seems to be no faster than the control "
             "loop itself. Where it is slower, log at the rate of the loop."
         )
-    if gap.horizon is not None:
-        yield (
-            f"{_why_restarted(logged)}, so replays restart from the measured state every "
-            f"{gap.horizon:g} s; what the noise of that state makes of them is part of the noise "
-            "floor."
-        )
-    yield from dict.fromkeys(note for robot in problem.robots for note in robot.notes)
-    yield from folded(seen.values())
-    for told in (_passive, _in_volts, _unsent):
-        yield from dict.fromkeys(note for pair in logged for note in told(*pair))
-    unused = sorted({column for recording in seen.values() for column in recording.unused})
-    if unused:
-        yield f"Columns that nothing uses: {', '.join(unused)}."
 
 
 def _why_restarted(logged: Sequence[tuple[Robot, Sequence[Recording]]]) -> str:

@@ -25,12 +25,7 @@ from walkerkit.gap.report.named import confusion_set, considered, named_effects,
 from walkerkit.gap.report.notes import notes
 from walkerkit.gap.report.output import save, title
 from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
-from walkerkit.gap.report.replayed import (
-    gap_maps,
-    gap_of,
-    replay_half,
-    traces,
-)
+from walkerkit.gap.report.replayed import Replayed, gap_maps, gap_of, replay_half, traces
 from walkerkit.gap.report.replayed_motion import motions
 from walkerkit.gap.report.wording import telling
 from walkerkit.gap.search.half import Half
@@ -226,10 +221,36 @@ def summarise(
     Returns:
         The result.
     """
-    final = explanation.fit
+    members = confusion_set(problem, explanation, _MOST_RIVALS)
+    following = next_experiment(problem, members)
+    diagnosis = _diagnosis(problem, explanation, mended, searched, only, held_out_only)
+    return Result(
+        diagnosis=replace(
+            diagnosis,
+            next_experiment=following.experiment if following else None,
+            rivals=rivals(problem, members),
+            seconds=seconds,
+        ),
+        robots=tuple(replace(robot, hold=problem.hold) for robot in mended),
+        problem=problem,
+        fit=explanation.fit,
+        comparison=explanation.table.frame(),
+        following=following,
+    )
+
+
+def _diagnosis(
+    problem: Problem,
+    explanation: Explanation,
+    mended: Sequence[Robot],
+    searched: bool,
+    only: tuple[str, ...] | None,
+    held_out_only: bool,
+) -> Diagnosis:
+    """What `summarise` says, but for the time that it took and what to do next."""
     before = {half: replay_half(problem, half, problem.robots) for half in ("fit", "held")}
     after = before
-    if final.structure.terms:
+    if explanation.fit.structure.terms:
         after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
     told, gap = "held", gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, explanation, after["held"], mended)
@@ -243,9 +264,7 @@ def summarise(
     of = {one.signal: one for one in maps}
     map_told = of.get(telling(gap)[0], of.get("position"))
     everything = problem.recordings
-    members = confusion_set(problem, explanation, _MOST_RIVALS)
-    following = next_experiment(problem, members)
-    diagnosis = Diagnosis(
+    return Diagnosis(
         verdict=verdict,
         gap=gap,
         locations=standing_out(map_told.before) if map_told else (),
@@ -254,38 +273,45 @@ def summarise(
         effects=effects,
         unknown=explanation.unknown,
         considered=considered(explanation),
-        next_experiment=following.experiment if following else None,
+        next_experiment=None,
         obstacle=obstacle(problem),
         recordings=tuple(dict.fromkeys(recording.whole.name for recording in everything)),
-        notes=(
-            *notes(
-                problem,
-                gap,
-                effects,
-                verdict,
-                scales=effort_scales(after.values(), gap),
-                offsets=position_offsets(after.values(), gap),
-                searched=searched,
-                only=only,
-            ),
-            *misfits(problem, after.values()),
+        notes=_notes(
+            problem, gap, effects, verdict, [*after.values()], searched=searched, only=only
         ),
         wiring=named_errors(everything),
         traces=traces(problem, before, after),
         motions=motions(problem, before, after),
-        seconds=seconds,
+        seconds=0.0,
         searched=searched,
         only=only,
         held_out=tuple(dict.fromkeys(r.name for group in half.recordings for r in group)),
-        rivals=rivals(problem, members),
     )
-    return Result(
-        diagnosis=diagnosis,
-        robots=tuple(replace(robot, hold=problem.hold) for robot in mended),
-        problem=problem,
-        fit=final,
-        comparison=explanation.table.frame(),
-        following=following,
+
+
+def _notes(
+    problem: Problem,
+    gap: Gap,
+    effects: Sequence[NamedEffect],
+    verdict: Verdict,
+    halves: Sequence[Replayed],
+    *,
+    searched: bool,
+    only: Sequence[str] | None,
+) -> tuple[str, ...]:
+    """What a reader should know, of halves that were replayed as far as they are explained."""
+    return (
+        *notes(
+            problem,
+            gap,
+            effects,
+            verdict,
+            scales=effort_scales(halves, gap),
+            offsets=position_offsets(halves, gap),
+            searched=searched,
+            only=only,
+        ),
+        *misfits(problem, halves),
     )
 
 

@@ -99,6 +99,7 @@ def set_ups(
     if kind == "effort":
         return _without_targets(robot, joints, excitations)
     first = "first target" if kind == "position" else "first position"
+    steady = tuple(name for name in _STEADY if name in excitations)
     found = [
         SetUp(
             name="as_it_is",
@@ -106,60 +107,24 @@ def set_ups(
             excitations=tuple(excitations),
             trouble=0,
             change=_nothing,
-        )
+        ),
+        *([] if efforts else [_effort_logged(steady)]),
+        _reduced_gain(kind, joints, steady),
+        *(_with_payload(robot, body, part, steady) for body, part in _loads(robot, concerned)),
     ]
-    steady = tuple(name for name in _STEADY if name in excitations)
-    if not efforts:
-        found.append(
-            SetUp(
-                name="effort_logged",
-                instruction=(
-                    "Log the effort of each joint as well: the drive's current times its nominal "
-                    "torque constant, in N·m."
-                ),
-                excitations=steady,
-                trouble=1,
-                change=_nothing,
-                more_effort=True,
-            )
-        )
-    found.append(
-        SetUp(
-            name="reduced_gain",
-            instruction=f"Set the {kind} gain of every drive to {_GAIN:g} of what it is.",
-            excitations=steady,
-            trouble=1,
-            change=lambda trials: _reduce_gain(trials, joints),
-        )
-    )
-    found += [_with_payload(robot, body, part, steady) for body, part in _loads(robot, concerned)]
     if can_be_held(robot, concerned):  # a robot that stands would fall
+        others = " The other joints hold theirs." if len(concerned) < len(joints) else ""
         found.append(
-            SetUp(
-                name="motor_off",
-                instruction=(
-                    f"Switch the drive{_plural(concerned)} of {_listed(concerned)} off. Hold the "
-                    f"joint{_plural(concerned)} at the {first}, start the log, and let go."
-                    f"{' The other joints hold theirs.' if len(concerned) < len(joints) else ''}"
-                ),
-                excitations=(RELEASE,),
-                trouble=2,
-                change=lambda trials: _switch_off(trials, concerned),
-                released=tuple(concerned),
+            _let_go(
+                concerned,
+                f"Switch the drive{_plural(concerned)} of {_listed(concerned)} off. Hold the "
+                f"joint{_plural(concerned)} at the {first}, start the log, and let go.{others}",
+                lambda trials: _switch_off(trials, concerned),
             )
         )
     if robot.base is None:
-        joint = concerned[0]
-        found.append(
-            SetUp(
-                name="held_link",
-                instruction=f"Clamp the link behind joint {joint} where its {first} is.",
-                excitations=_of_a_held_link(excitations),
-                trouble=3,
-                change=lambda trials: _clamp(trials, (joint,)),
-                held=(joint,),
-            )
-        )
+        told = f"Clamp the link behind joint {concerned[0]} where its {first} is."
+        found.append(_held_link(concerned[:1], told, excitations))
     return tuple(found)
 
 
@@ -205,30 +170,72 @@ def _without_targets(
     """What can be done with joints that take nothing but effort."""
     if not can_be_held(robot, joints):
         return ()
-    held = tuple(joints)
     s = _plural(joints)
     return (
-        SetUp(
-            name="motor_off",
-            instruction=(
-                f"Switch the motor{s} of {_listed(joints)} off. Hold the joint{s} at the first "
-                "position, start the log, and let go."
-            ),
-            excitations=(RELEASE,),
-            trouble=2,
-            change=_nothing,
-            released=held,
+        _let_go(
+            joints,
+            f"Switch the motor{s} of {_listed(joints)} off. Hold the joint{s} at the first "
+            "position, start the log, and let go.",
+            _nothing,
         ),
-        SetUp(
-            name="held_link",
-            instruction=(
-                f"Clamp the link{s} behind joint{s} {_listed(joints)} at the first position."
-            ),
-            excitations=_of_a_held_link(excitations),
-            trouble=3,
-            change=lambda trials: _clamp(trials, held),
-            held=held,
+        _held_link(
+            joints,
+            f"Clamp the link{s} behind joint{s} {_listed(joints)} at the first position.",
+            excitations,
         ),
+    )
+
+
+def _reduced_gain(
+    kind: TargetKind | None, joints: Sequence[str], excitations: tuple[str, ...]
+) -> SetUp:
+    """The drives have less gain."""
+    return SetUp(
+        name="reduced_gain",
+        instruction=f"Set the {kind} gain of every drive to {_GAIN:g} of what it is.",
+        excitations=excitations,
+        trouble=1,
+        change=lambda trials: _reduce_gain(trials, joints),
+    )
+
+
+def _effort_logged(excitations: tuple[str, ...]) -> SetUp:
+    """The efforts are logged that were not."""
+    return SetUp(
+        name="effort_logged",
+        instruction=(
+            "Log the effort of each joint as well: the drive's current times its nominal "
+            "torque constant, in N·m."
+        ),
+        excitations=excitations,
+        trouble=1,
+        change=_nothing,
+        more_effort=True,
+    )
+
+
+def _let_go(joints: Sequence[str], instruction: str, change: Change) -> SetUp:
+    """The joints are let go with their drives off."""
+    return SetUp(
+        name="motor_off",
+        instruction=instruction,
+        excitations=(RELEASE,),
+        trouble=2,
+        change=change,
+        released=tuple(joints),
+    )
+
+
+def _held_link(joints: Sequence[str], instruction: str, excitations: Sequence[str]) -> SetUp:
+    """The links behind the joints are clamped."""
+    held = tuple(joints)
+    return SetUp(
+        name="held_link",
+        instruction=instruction,
+        excitations=_of_a_held_link(excitations),
+        trouble=3,
+        change=lambda trials: _clamp(trials, held),
+        held=held,
     )
 
 

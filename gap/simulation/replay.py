@@ -11,33 +11,27 @@ recorded past commands; a trial that diverges predicts NaN.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Sequence
-from dataclasses import replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drivetrain import IntegralAction
-from walkerkit.gap.recordings.base_state import SIGNALS, TURNING
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.simulation.channel import Channel as Channel
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.gear_play import bend, loads
-from walkerkit.gap.simulation.interpolate import (
-    at_index,
-    delayed,
-    jumps_at,
-    made_delay,
-    nearest_step,
-)
+from walkerkit.gap.simulation.interpolate import delayed, made_delay
 from walkerkit.gap.simulation.latest import Latest
 from walkerkit.gap.simulation.law_memory import Past, integral_at_start, measured_past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.mount import mounts
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.rebuild import Rebuild, Rebuilt, rebuilds, rebuilt_as
-from walkerkit.gap.simulation.robot import Joint, Robot
+from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.segment_group import MOST_STEPS, Group, similar_lengths
+from walkerkit.gap.simulation.shown import Shown, Timing, readings, recorded
 from walkerkit.gap.simulation.side_by_side import advanced
 from walkerkit.gap.simulation.start import rest, start_state
 from walkerkit.gap.simulation.together import (
@@ -55,7 +49,29 @@ Predicting = Generator[Asked | Commanded, Any, FloatArray]
 _WARM = 0.15  # s of the measured past that laws see
 _CHUNK_BYTES = 2**28
 _MOST_REBUILT = 24  # robots kept for variants that need another compilation
-_RECORDS = {"position": "qpos", "velocity": "qvel", "effort": "qfrc_actuator"}
+_Known = tuple[FloatArray, FloatArray, tuple[list[int], list[int]]]
+"""Positions and velocities of some coordinates, (n, n_segments, n_known), and their addresses."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sent:
+    """What the drives of a group are sent.
+
+    Attributes:
+        fields: model fields of which each trial has its own, (n, *shape).
+        laws: the laws, or None.
+        ctrl: (n, n_segments, before + steps, width) commands as the drives receive them.
+        before: how many of them are from before the start.
+        clock: (n * n_segments,) of the start, by the robot's clock [s].
+        ahead: as `rollout_with_laws` takes it.
+    """
+
+    fields: dict[str, NDArray[Any]]
+    laws: Laws | None
+    ctrl: FloatArray
+    before: int
+    clock: FloatArray
+    ahead: FloatArray | None
 
 
 class Replay:
@@ -203,215 +219,138 @@ class Replay:
 
     def _simulating(self, group: Group, trials: Trials, out: FloatArray) -> Predicting:
         """Fills in the rows and channels of a group."""
-        model, n, n_segments = self.robot.model, trials.n, len(group.segments)
-        step = model.opt.timestep
-        joints = [self.robot.joints[name] for name in group.joints]
-        delay, rate = _clocks(trials, group.joints)
-        prompt = (1 - rate) * group.elapsed[:, None]  # how late the log is but for its delays
-        behind = prompt + rate * delay
-        # The oldest joint's log at the segment's start shows the robot this much earlier. Whole
-        # steps, so that controls change when they changed and efforts are read when they were.
-        lead = step * np.ceil(np.maximum(behind.max(axis=2), 0) / step - 1e-9)
-        early = ((rate - 1) * group.durations[:, None] - prompt).max()
-        steps = group.steps + round(lead.max() / step) + int(np.ceil(max(early, 0) / step - 1e-9))
-
-        later = (behind - lead[..., None]) / rate  # than a segment's first sample it starts
-        off = np.stack([trials.start_errors[name] for name in group.joints], axis=1)
-        first_shown = group.initial_state(later, off)
-        readings = [_reading(trials, name) for name in group.joints]
-        first = [
-            reading.joint(first_shown[0][..., [k]], first_shown[1][..., [k]])
-            for k, reading in enumerate(readings)
-        ]
-        qpos, qvel = (np.concatenate(parts, axis=2) for parts in zip(*first, strict=True))
-        places = [joint.qpos for joint in joints], [joint.dof for joint in joints]
-        start_qpos, start_qvel = qpos, qvel
+        timing = Timing.of(group, trials)
+        encoders = readings(trials, group.joints)
+        first = _first_state(group, trials, timing, encoders)
+        of_base = None if group.base is None else group.base.start(timing.lead)
+        sent = yield from self._commanding(group, trials, timing)
+        laws, lawful = sent.laws, sent.laws is not None and sent.laws.runs
+        state = self._start_state(group, trials, sent, self._known(group, first, of_base))
+        applied = group.feed_forward(trials, timing.lead, timing.steps)
+        asked = self._asked(group, timing, sent, state, applied)
         if group.base is not None:
-            pose, velocity = group.base.start(lead)
-            start_qpos = np.concatenate([qpos, pose], axis=2)
-            start_qvel = np.concatenate([qvel, velocity], axis=2)
-            for some, more in zip(places, group.base.addresses, strict=True):
-                some.extend(more)
-        fields = dict(trials.fields)
-        lawful = bool(trials.with_laws.any())
-        shift = np.tile(lead[..., None], self.robot.width)
-        for index, (name, drive) in group.drives.items():
-            shift[..., index] += trials.command_delay[name][:, None]
-            merged = (trials.command_delay[name] != 0) | lawful
-            if model.actuator_delay[drive.actuator] and merged.any():
-                # As one delay: two interpolations between steps would smooth twice. And laws have
-                # to see what the drive sees.
-                own = fields.get("actuator_delay", trials.own("actuator_delay")).copy()
-                shift[merged, :, index] += made_delay(own[merged, drive.actuator, None], step)
-                own[merged, drive.actuator] = 0
-                fields["actuator_delay"] = own
-        laws = Laws(model, joints, fields, trials, n_segments, {*group.drives}) if lawful else None
-        before = group.memory + (group.controlled if lawful else 0)
-        ctrl = delayed(group.ctrl, group.past - before, before + steps, shift / step)
-        clock = (group.elapsed - lead).reshape(-1)
-        ahead = None
-        if laws is not None and laws.of_targets:
-            sent = ctrl.reshape(n * n_segments, before + steps, -1)
-            sent, ahead = yield Commanded(laws=laws, ctrl=sent, time=clock - step * before)
-            ctrl, ahead = sent.reshape(ctrl.shape), None if ahead is None else ahead[:, before:]
-        if self.robot.loops.any:
-            start_qpos, start_qvel, places = self._closed(start_qpos, start_qvel, places)
-        state = start_state(
-            model,
-            ctrl[:, :, before - group.memory : before],
-            start_qpos,
-            start_qvel,
-            places,
-        )
-
-        if group.played:
-            driven = group.ctrl[:, group.past, : model.nu], group.applied[:, group.past]
-            carried = loads(trials, group.played, joints, group.starts, driven)
-            bend(state, trials, fields, group.played, carried)
-        of_base = [c for c, channel in enumerate(self.channels) if channel.of_base]
-        turns = any(self.channels[c].signal in TURNING for c in of_base)
-        needed = {_RECORDS[c.signal] for c in self.channels if not c.of_base}
-        record = sorted({"qpos", *needed, *(["qvel"] if turns else [])})
-        each = {name: np.repeat(values, n_segments, axis=0) for name, values in fields.items()}
-        stepwise = laws is not None and laws.runs
-        applied = group.feed_forward(trials, lead, steps)
-        asked = Asked(
-            model=model,
-            fields=each,
-            state=state.reshape(n * n_segments, -1),
-            ctrl=ctrl[:, :, before:].reshape(n * n_segments, steps, -1),
-            applied=None if applied is None else applied.reshape(n * n_segments, steps, -1),
-            record=tuple(record),
-            n_threads=self.n_threads,
-            laws=laws if stepwise else None,
-            time=clock,
-            ahead=ahead if stepwise else None,
-            voltage=group.voltage(lead, steps) if laws is not None and laws.of_supply else None,
-        )
-        if group.base is not None:
-            raised = group.base.settle(asked.batch(), asked.state, first_controls(asked), each)
-        if laws is not None and stepwise:
-            remembers = laws.programs is not None and laws.programs.memory
-            warm = before if remembers else min(int(np.ceil(_WARM / step)), before)
-            q, qd, unknown = measured_past(
-                group.segments,
-                [group.states[id(segment.recording)] for segment in group.segments],
-                later,
-                readings,
-                step * np.arange(-warm, 0),
+            raised = group.base.settle(
+                asked.batch(), asked.state, first_controls(asked), asked.fields
             )
-            integral = None
-            if group.base is None and any(law is IntegralAction for law, _ in laws.stepwise):
-                integral = integral_at_start(
-                    laws, asked.batch(), asked.state, group.segments, group.routes, asked.ctrl[:, 0]
-                )
-            sent_before = ctrl[:, :, before - warm : before].reshape(len(q), warm, -1)
-            past = Past(ctrl=sent_before, q=q, qd=qd, unknown=unknown, integral=integral)
-            asked = replace(asked, past=past)
+        if laws is not None and lawful:
+            asked = replace(asked, past=_past(group, asked, laws, sent, timing, encoders))
         rollout, changed = yield asked
-        if not stepwise and laws is not None and ahead is not None and "qfrc_actuator" in record:
-            made = rollout.records["qfrc_actuator"][..., [joint.dof for joint in joints]]
-            changed = laws.shown(made, asked.ctrl, ahead)
-        if changed is not None:
-            changed = changed.reshape(n, n_segments, steps, -1)
-        records = {
-            name: values.reshape(n, n_segments, steps, -1)
-            for name, values in rollout.records.items()
-        }
-        if group.base is not None:
-            poses = records["qpos"][..., group.base.addresses[0]]
-            poses[..., 2] -= raised.reshape(n, n_segments, 1)
-            poses = np.concatenate([pose[:, :, None], poses], axis=2)
-            spins = np.zeros((*poses.shape[:3], 3))
-            if turns:
-                simulated = records["qvel"][..., group.base.addresses[1][3:]]
-                spins = np.concatenate([velocity[:, :, None, 3:], simulated], axis=2)
-            which = [SIGNALS.index(self.channels[c].signal) for c in of_base]
-            for s, span in enumerate(group.rows):
-                at = (self.time_of_row[span] + lead[:, [s]]) / step
-                out[:, span, of_base] = group.base.shown(poses[:, s], spins[:, s], s, at)[
-                    ..., which
-                ]
-
-        def field(name: str) -> NDArray[Any]:
-            return fields[name] if name in fields else trials.own(name)
-
+        if laws is not None and not lawful and sent.ahead is not None:
+            made = rollout.records.get("qfrc_actuator")
+            if made is not None:
+                dofs = [joint.dof for joint in laws.joints]
+                changed = laws.shown(made[..., dofs], asked.ctrl, sent.ahead)
+        shape = trials.n, len(group.segments), timing.steps, -1
+        shown = Shown(
+            group=group,
+            trials=trials,
+            timing=timing,
+            fields=sent.fields,
+            readings=encoders,
+            first=first,
+            ctrl=sent.ctrl,
+            applied=applied,
+            changed=None if changed is None else changed.reshape(shape),
+            records={name: values.reshape(shape) for name, values in rollout.records.items()},
+            time=self.time_of_row,
+        )
+        if of_base is not None:
+            columns = [c for c, channel in enumerate(self.channels) if channel.of_base]
+            channels = [self.channels[c] for c in columns]
+            for span, values in shown.base(channels, of_base, raised):
+                out[:, span, columns] = values
         for c, channel in enumerate(self.channels):
-            if channel.of_base or channel.joint not in group.joints:
-                continue
-            k = group.joints.index(channel.joint)
-            joint = joints[k]
-            series, jumps = records[_RECORDS[channel.signal]], None
-            if channel.signal == "effort":
-                scale = trials.effort_scale[joint.name][:, None, None]
-                offset = trials.effort_offset[joint.name][:, None, None]
-                # Effort is recorded as of the beginning of a step, the state as of its end.
-                made, age = series[..., joint.dof], lead - prompt[..., k]
-                series, jumps = made, group.jumps(joint, ctrl, applied, field)
-                if applied is not None:  # the same drive makes it, so its log shows it
-                    series = series + applied[..., joint.dof]
-                if changed is not None:
-                    series = series + changed[..., k]
-                series = scale * series + offset
-                if jumps is not None:
-                    jumps = scale * jumps[:, :, before:]
-                    if self.robot.reads_effort_first:
-                        jumps = _within_limits(jumps, series, group.at_limit(joint, made, field))
-            else:
-                place = np.concatenate(
-                    [qpos[..., [k]], _at_encoder(trials, joint, records["qpos"], "qpos")], axis=2
-                )
-                if channel.signal == "position":
-                    series = readings[k].position(place)
-                else:
-                    speed = np.concatenate(
-                        [qvel[..., [k]], _at_encoder(trials, joint, series, "dof")], axis=2
-                    )
-                    series = readings[k].velocity(place, speed)
-                age = lead - behind[..., k]
-            for s, span in enumerate(group.rows):
-                clocks = np.stack([rate[:, 0, k], age[:, s], lead[:, s]])
-                if (clocks == clocks[:, :1]).all():
-                    clocks = clocks[:, :1]
-                time = self.time_of_row[span]
-                at = (clocks[0, :, None] * time + clocks[1, :, None]) / step
-                if channel.signal != "effort":
-                    out[:, span, c] = at_index(series[:, s], at)
-                else:
-                    stamp = (time + clocks[2, :, None]) / step
-                    own_jumps = None if jumps is None else jumps[:, s]
-                    out[:, span, c] = self._effort_shown(series[:, s], at, own_jumps, stamp)
+            if not channel.of_base and channel.joint in group.joints:
+                for span, values in shown.joint(channel):
+                    out[:, span, c] = values
         return out
 
-    def _effort_shown(
-        self, series: FloatArray, at: FloatArray, jumps: FloatArray | None, stamp: FloatArray
-    ) -> FloatArray:
-        """What rows show of an effort, (n, rows).
+    def _commanding(
+        self, group: Group, trials: Trials, timing: Timing
+    ) -> Generator[Commanded, Any, _Sent]:
+        """What a group's drives are sent, with what controllers make of it."""
+        step, n_sims = self.robot.model.opt.timestep, trials.n * len(group.segments)
+        fields, late = _command_delays(group, trials, timing.lead)
+        laws = None
+        if trials.with_laws.any():
+            joints = [self.robot.joints[name] for name in group.joints]
+            drives = {*group.drives}
+            laws = Laws(self.robot.model, joints, fields, trials, len(group.segments), drives)
+        before = group.memory + (0 if laws is None else group.controlled)
+        ctrl = delayed(group.ctrl, group.past - before, before + timing.steps, late / step)
+        clock, ahead = (group.elapsed - timing.lead).reshape(-1), None
+        if laws is not None and laws.of_targets:
+            flat = ctrl.reshape(n_sims, before + timing.steps, -1)
+            flat, ahead = yield Commanded(laws=laws, ctrl=flat, time=clock - step * before)
+            ctrl, ahead = flat.reshape(ctrl.shape), None if ahead is None else ahead[:, before:]
+        return _Sent(fields=fields, laws=laws, ctrl=ctrl, before=before, clock=clock, ahead=ahead)
+
+    def _known(
+        self,
+        group: Group,
+        first: tuple[FloatArray, FloatArray],
+        of_base: tuple[FloatArray, FloatArray] | None,
+    ) -> _Known:
+        """What is known of the states in which a group starts: all of them where there are loops.
 
         Args:
-            series: (n, steps) of the effort.
-            at: (n or 1, rows) steps at which it was read, as if at once.
-            jumps: (n or 1, steps) by which targets move it; None where they do not jump.
-            stamp: as `at`, the steps with which the rows are stamped.
+            group: the group.
+            first: positions and velocities of its joints.
+            of_base: pose and velocity of its base, if it floats.
         """
-        if jumps is None:
-            jumps = np.zeros((1, series.shape[1]))
-        # What is logged with a target is after it, however the stamps jitter.
-        instant = nearest_step(stamp) + at - stamp
-        shown = at_index(series, at, jumps != 0, instant)
-        if self.robot.reads_effort_first:
-            shown -= jumps_at(jumps, instant)
-        if self.robot.effort_age:
-            # Of a step before it is what was after its target.
-            age = self.robot.effort_age / self.robot.model.opt.timestep
-            ago = max(age, 1.0)
-            earlier = at_index(series, at - ago, jumps != 0, instant - ago)
-            shown += min(age, 1.0) * (earlier - shown)
-        return shown
+        qpos, qvel = first
+        joints = [self.robot.joints[name] for name in group.joints]
+        places = [joint.qpos for joint in joints], [joint.dof for joint in joints]
+        if group.base is not None and of_base is not None:
+            qpos, qvel = (
+                np.concatenate([known, more], axis=2)
+                for known, more in zip(first, of_base, strict=True)
+            )
+            for some, more in zip(places, group.base.addresses, strict=True):
+                some.extend(more)
+        return self._closed(qpos, qvel, places) if self.robot.loops.any else (qpos, qvel, places)
+
+    def _start_state(self, group: Group, trials: Trials, sent: _Sent, known: _Known) -> FloatArray:
+        """The states in which a group starts, (n, n_segments, nstate)."""
+        model = self.robot.model
+        past = sent.ctrl[:, :, sent.before - group.memory : sent.before]
+        state = start_state(model, past, *known)
+        if group.played:
+            driven = group.ctrl[:, group.past, : model.nu], group.applied[:, group.past]
+            joints = [self.robot.joints[name] for name in group.joints]
+            carried = loads(trials, group.played, joints, group.starts, driven)
+            bend(state, trials, sent.fields, group.played, carried)
+        return state
+
+    def _asked(
+        self,
+        group: Group,
+        timing: Timing,
+        sent: _Sent,
+        state: FloatArray,
+        applied: FloatArray | None,
+    ) -> Asked:
+        """The rollout of a group, but for what laws saw before it."""
+        n, n_segments, steps = len(state), len(group.segments), timing.steps
+        laws, lead = sent.laws, timing.lead
+        lawful = laws is not None and laws.runs
+        return Asked(
+            model=self.robot.model,
+            fields={k: np.repeat(values, n_segments, axis=0) for k, values in sent.fields.items()},
+            state=state.reshape(n * n_segments, -1),
+            ctrl=sent.ctrl[:, :, sent.before :].reshape(n * n_segments, steps, -1),
+            applied=None if applied is None else applied.reshape(n * n_segments, steps, -1),
+            record=recorded(self.channels),
+            n_threads=self.n_threads,
+            laws=laws if lawful else None,
+            time=sent.clock,
+            ahead=sent.ahead if lawful else None,
+            voltage=group.voltage(lead, steps) if laws is not None and laws.of_supply else None,
+        )
 
     def _closed(
         self, qpos: FloatArray, qvel: FloatArray, places: tuple[list[int], list[int]]
-    ) -> tuple[FloatArray, FloatArray, tuple[list[int], list[int]]]:
+    ) -> _Known:
         """Whole states in which the model's loops are closed, with their addresses.
 
         Args:
@@ -484,40 +423,61 @@ def as_they_are(replays: Sequence[Replay], n_threads: int) -> list[FloatArray]:
     return [one[0] for one in predict_together(replays, trials, n_threads)]
 
 
-def _within_limits(jumps: FloatArray, series: FloatArray, limited: NDArray[np.bool_]) -> FloatArray:
-    """How far an effort jumps with its target, which is less where it is cut off on either side.
-
-    All are (n, n_segments, steps); `limited` says where the drive makes all that it can.
-    """
-    cut = limited.copy()
-    cut[..., 1:] |= limited[..., :-1]
-    step = np.diff(series, axis=2, prepend=series[..., :1])
-    return np.where(cut & (jumps != 0), step, jumps)
-
-
-def _clocks(trials: Trials, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Delays of the logged positions [s], and seconds per second on the log's clock.
-
-    Both are (n, 1, n_joints).
-    """
-    delay = np.stack([trials.position_delay[name] for name in joints], axis=1)
-    skew = np.stack([trials.clock_skew[name] for name in joints], axis=1)
-    return delay[:, None], 1 / (1 + skew[:, None])
+def _first_state(
+    group: Group, trials: Trials, timing: Timing, encoders: Sequence[Reading]
+) -> tuple[FloatArray, FloatArray]:
+    """Positions and velocities of the joints at the start, (n, n_segments, n_joints) each."""
+    off = np.stack([trials.start_errors[name] for name in group.joints], axis=1)
+    qpos, qvel = group.initial_state(timing.later, off)
+    first = [reading.joint(qpos[..., [k]], qvel[..., [k]]) for k, reading in enumerate(encoders)]
+    qpos, qvel = (np.concatenate(parts, axis=2) for parts in zip(*first, strict=True))
+    return qpos, qvel
 
 
-def _reading(trials: Trials, joint: str) -> Reading:
-    """A joint's encoder in every trial, for arrays (n, n_segments, steps)."""
-    return Reading(
-        trials.encoder_gain[joint][:, None, None], trials.position_error[joint][:, None, None]
+def _command_delays(
+    group: Group, trials: Trials, lead: FloatArray
+) -> tuple[dict[str, NDArray[Any]], FloatArray]:
+    """The fields of the trials, and how late commands are: (n, n_segments, width) [s]."""
+    model = group.robot.model
+    fields, lawful = dict(trials.fields), bool(trials.with_laws.any())
+    late = np.tile(lead[..., None], group.robot.width)
+    for index, (name, drive) in group.drives.items():
+        late[..., index] += trials.command_delay[name][:, None]
+        merged = (trials.command_delay[name] != 0) | lawful
+        if model.actuator_delay[drive.actuator] and merged.any():
+            # As one delay: two interpolations between steps would smooth twice. And laws have
+            # to see what the drive sees.
+            own = fields.get("actuator_delay", trials.own("actuator_delay")).copy()
+            its = made_delay(own[merged, drive.actuator, None], model.opt.timestep)
+            late[merged, :, index] += its
+            own[merged, drive.actuator] = 0
+            fields["actuator_delay"] = own
+    return fields, late
+
+
+def _past(
+    group: Group,
+    asked: Asked,
+    laws: Laws,
+    sent: _Sent,
+    timing: Timing,
+    encoders: Sequence[Reading],
+) -> Past:
+    """What the laws of a rollout saw before it."""
+    step, before = asked.model.opt.timestep, sent.before
+    remembers = laws.programs is not None and laws.programs.memory
+    warm = before if remembers else min(int(np.ceil(_WARM / step)), before)
+    q, qd, unknown = measured_past(
+        group.segments,
+        [group.states[id(segment.recording)] for segment in group.segments],
+        timing.later,
+        encoders,
+        step * np.arange(-warm, 0),
     )
-
-
-def _at_encoder(
-    trials: Trials, joint: Joint, series: FloatArray, address: Literal["qpos", "dof"]
-) -> FloatArray:
-    """What a joint's encoder sees, (n, n_segments, steps), of the model's positions or speeds."""
-    motor: FloatArray = series[..., getattr(joint, address)]
-    share = trials.load_side[joint.name][:, None, None]
-    if joint.play is None or not share.any():
-        return motor
-    return motor + share * series[..., getattr(joint.play, address)]
+    integral = None
+    if group.base is None and any(law is IntegralAction for law, _ in laws.stepwise):
+        integral = integral_at_start(
+            laws, asked.batch(), asked.state, group.segments, group.routes, asked.ctrl[:, 0]
+        )
+    ctrl = sent.ctrl[:, :, before - warm : before].reshape(len(q), warm, -1)
+    return Past(ctrl=ctrl, q=q, qd=qd, unknown=unknown, integral=integral)

@@ -8,7 +8,7 @@ step comes from what was measured then.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
@@ -19,6 +19,7 @@ from walkerkit.gap.simulation.drive_forces import adjoining
 from walkerkit.gap.simulation.law_memory import Past
 from walkerkit.gap.simulation.laws import Laws
 from walkerkit.gap.simulation.programs_at_work import RunningPrograms
+from walkerkit.gap.simulation.robot import Joint
 from walkerkit.walkers.batch import LockStep, Rollout
 
 FloatArray = NDArray[np.float64]
@@ -59,27 +60,42 @@ def rollout_with_laws(
         What was recorded, and (n_sims, n_steps, n_joints) what the laws changed of the effort that
         the drives report at the steps' beginnings, or None where they do not touch it.
     """
-    n_sims, n_steps = ctrl.shape[:2]
-    bank, forces = laws.bank(), laws.forces
+    bank = laws.bank()
     loop = _Loop(laws, bank, batch.model)
-    qposes = adjoining([joint.qpos for joint in laws.joints])
-    dofs = adjoining([joint.dof for joint in laws.joints])
-    live_qpos, live_qvel = batch.live("qpos"), batch.live("qvel")
-    q, qd = _Columns(live_qpos, qposes), _Columns(live_qvel, dofs)
-    own: tuple[_Columns, _Columns] | None = None
-    if laws.programs is not None:
-        joints = laws.programs.joints
-        own = (
-            _Columns(live_qpos, adjoining([joint.qpos for joint in joints])),
-            _Columns(live_qvel, adjoining([joint.dof for joint in joints])),
-        )
-    (mine, native), nu = forces.native, batch.model.nu
-    live_ctrl, live_applied = batch.live("ctrl"), batch.live("qfrc_applied")
-    applied = _Columns(live_applied, dofs)
-    act = None if forces.filters is None else batch.live("act")
     changed = None
     if ahead is not None or bank.has("controller") or bank.has("drive"):
-        changed = np.zeros((n_steps, n_sims, len(laws.joints)))
+        changed = np.zeros((ctrl.shape[1], ctrl.shape[0], len(laws.joints)))
+    before = _before_each(batch, loop, laws, bank, ctrl, qfrc_applied, changed)
+    # A variant that is about to diverge is not worth a warning.
+    with np.errstate(all="ignore"):
+        if past is not None:
+            loop.see(past, time, voltage)
+        loop.begin(ctrl, time, ahead, voltage)
+        rollout = batch.step_by_step(state, ctrl.shape[1], before, record=record, lengths=lengths)
+    return rollout, None if changed is None else changed.swapaxes(0, 1)
+
+
+def _before_each(
+    batch: LockStep,
+    loop: _Loop,
+    laws: Laws,
+    bank: LawBank,
+    ctrl: FloatArray,
+    qfrc_applied: FloatArray | None,
+    changed: FloatArray | None,
+) -> Callable[[int], None]:
+    """What is called before each step: it runs the laws and writes what they say to the batch.
+
+    What they change of efforts goes to `changed`, (n_steps, n_sims, n_joints), unless it is None.
+    """
+    live_qpos, live_qvel = batch.live("qpos"), batch.live("qvel")
+    live_ctrl, live_applied = batch.live("ctrl"), batch.live("qfrc_applied")
+    dofs = adjoining([joint.dof for joint in laws.joints])
+    q, qd = _state(live_qpos, live_qvel, laws.joints)
+    own = None if laws.programs is None else _state(live_qpos, live_qvel, laws.programs.joints)
+    applied = _Columns(live_applied, dofs)
+    (mine, native), nu = laws.forces.native, batch.model.nu
+    act = None if laws.forces.filters is None else batch.live("act")
     held = _Columns(batch.derived("qfrc_constraint"), dofs) if bank.reads_held else None
     plays = []
     if bank.reads_play:
@@ -116,19 +132,17 @@ def rollout_with_laws(
                 dry.put(np.maximum(own_dry + friction, 0.0))
                 rubbed = True
 
-    # A variant that is about to diverge is not worth a warning.
-    with np.errstate(all="ignore"):
-        if past is not None:
-            before_it = None if voltage is None else voltage[:, :1]
-            loop.begin(past.ctrl, time - laws.dt * past.ctrl.shape[1], voltage=before_it)
-            for k in range(past.ctrl.shape[1]):
-                loop.warm(k, past.q[:, k], past.qd[:, k])
-                loop.forget(past.unknown[:, k])
-            if past.integral is not None:
-                bank.remember(IntegralAction, {"effort": past.integral})
-        loop.begin(ctrl, time, ahead, voltage)
-        rollout = batch.step_by_step(state, n_steps, before, record=record, lengths=lengths)
-    return rollout, None if changed is None else changed.swapaxes(0, 1)
+    return before
+
+
+def _state(
+    qpos: FloatArray, qvel: FloatArray, joints: Sequence[Joint]
+) -> tuple[_Columns, _Columns]:
+    """The columns of some joints' positions and velocities."""
+    return (
+        _Columns(qpos, adjoining([joint.qpos for joint in joints])),
+        _Columns(qvel, adjoining([joint.dof for joint in joints])),
+    )
 
 
 class _Columns:
@@ -215,14 +229,25 @@ class _Loop:
         if self._driving:
             self.changed = self.step.effort - made
 
-    def warm(self, k: int, q: FloatArray, qd: FloatArray) -> None:
+    def see(self, past: Past, time: FloatArray, voltage: FloatArray | None) -> None:
+        """Lets the laws of controller and drive see what was before the first step, at `time`."""
+        n_steps = past.ctrl.shape[1]
+        before_it = None if voltage is None else voltage[:, :1]
+        self.begin(past.ctrl, time - self.step.dt * n_steps, voltage=before_it)
+        for k in range(n_steps):
+            self._warm(k, past.q[:, k], past.qd[:, k])
+            self._forget(past.unknown[:, k])
+        if past.integral is not None:
+            self._bank.remember(IntegralAction, {"effort": past.integral})
+
+    def _warm(self, k: int, q: FloatArray, qd: FloatArray) -> None:
         """Lets the laws of controller and drive see a step of the past."""
         own = None
         if self._programs is not None:
             own = self._programs.at_rest_but(q, qd, self._places)
         self._driven(k, q, qd, None, own)
 
-    def forget(self, rows: NDArray[np.bool_]) -> None:
+    def _forget(self, rows: NDArray[np.bool_]) -> None:
         """Resets laws of drives in some simulations, of which nothing is known so far."""
         if self._programs is not None and rows.any():
             self._programs.forget(np.flatnonzero(rows))

@@ -9,6 +9,7 @@ log that is not the joint's own position are left to replays (`can_close`).
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -99,18 +100,7 @@ def _errors(
     state = start_state(model, ctrl[:, lag:before], qpos, qvel, places)
     law.allocate((n, 1))
     law.reset(None)
-    off = np.array(model.actuator_gainprm), np.array(model.actuator_biasprm)
-    for parameters in off:
-        parameters[ours.drives[0].actuator] = 0.0
-    batch = LockStep(
-        model,
-        n,
-        fields={
-            "actuator_gainprm": np.repeat(off[0][None], n, axis=0),
-            "actuator_biasprm": np.repeat(off[1][None], n, axis=0),
-        },
-        n_threads=problem.n_threads,
-    )
+    batch = _without_drive(model, ours.drives[0].actuator, n, problem.n_threads)
     live = {name: batch.live(name) for name in ("qpos", "qvel", "ctrl", "qfrc_applied")}
 
     def act(k: int) -> None:
@@ -131,4 +121,20 @@ def _errors(
             - measured[s.first : s.last]
             for i, s in enumerate(segments)
         ]
+    )
+
+
+def _without_drive(model: mujoco.MjModel, actuator: int, n: int, n_threads: int) -> LockStep:
+    """Simulations in which an actuator does nothing."""
+    off = np.array(model.actuator_gainprm), np.array(model.actuator_biasprm)
+    for parameters in off:
+        parameters[actuator] = 0.0
+    return LockStep(
+        model,
+        n,
+        fields={
+            "actuator_gainprm": np.repeat(off[0][None], n, axis=0),
+            "actuator_biasprm": np.repeat(off[1][None], n, axis=0),
+        },
+        n_threads=n_threads,
     )
