@@ -195,12 +195,15 @@ class Book:
                 self.gains[1, name] = float(size - sizes[0])
 
     def _worth_a_name(self, one: Member) -> bool:
-        """Whether what the table has with fewer rare effects leaves larger gaps, somewhere."""
+        """Whether what the table has with fewer rare effects leaves larger gaps, somewhere.
+
+        Once structures were fitted by themselves, only those that lack nothing else count: others
+        are rivals, between which the table decides.
+        """
         plain = [m for m in self._members if _rare(m) < _rare(one)]
-        if not plain:
-            return True
-        table = Table(tuple(plain))
-        return is_worth_a_name(table.best_of(self._among), one, self._joints)
+        if self._among is not None:
+            plain = [m for m in plain if m.effects.keys() <= one.effects.keys()]
+        return not plain or is_worth_a_name(Table(tuple(plain)).best, one, self._joints)
 
 
 def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:

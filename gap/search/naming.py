@@ -38,6 +38,7 @@ from walkerkit.gap.search.structure import (
     Term,
     candidate_terms,
     carried,
+    extended,
 )
 from walkerkit.gap.search.unknown import unknown_weight
 from walkerkit.gap.simulation.mend import mend
@@ -180,7 +181,7 @@ def name_effects(
     grown = book.best.fit
     search.compare()
     with contextlib.suppress(EnoughError):
-        search.instead_of_the_unknown(rare, grown)
+        search.instead_of_the_unknown(rare, grown, begun)
     final = by_usual_names(problem, book.best.fit)
     if not _mends(problem, begun.nothing, final):
         final = begun.nothing
@@ -233,17 +234,29 @@ class _Search:
         """Has what may be the best fitted by itself."""
         self._book.fit_what_is_in_the_running(lambda member: only_needed(self._problem, member))
 
-    def instead_of_the_unknown(self, effects: Sequence[Effect], grown: Fit) -> None:
-        """Looks for rare effects again, beside the little that is left of what was grown.
+    def instead_of_the_unknown(self, effects: Sequence[Effect], grown: Fit, begun: Begun) -> None:
+        """Looks for rare effects again, where much of what was grown is not known to be there.
 
         What is ordinary may follow a rare effect by numbers of which none is known: beside them it
-        promises nothing, and without them much.
+        promises nothing, and without them much. So rare effects have the model as given to
+        themselves, and what is ordinary comes on top; or they come beside what is known.
         """
-        known = self._book.best.fit
-        if known.score < grown.score + LEAST_GAIN:
+        problem, book = self._problem, self._book
+        known = book.best.fit
+        if problem.on_feet or known.score < grown.score + LEAST_GAIN:
             return
-        if self._grown(effects, known) is not known:
-            self.compare()
+        found = self._grown(effects, begun.nothing)
+        if found is begun.nothing:
+            found = self._grown(effects, known)
+        elif found is not known:
+            has = {term.effect.name for term in found.structure.terms}
+            more = [t for t in begun.plain.structure.terms if t.effect.name not in has]
+            objective = problem.fit.objective
+            problem.fit.refine(found)
+            both = extended(found, more)
+            starts = evaluate(objective, [(both.structure, both.values)])
+            book.add(polished(objective, starts, iterations=_REFITS)[0])
+        self.compare()
 
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
         """The structure that the table prefers, with as many rare effects as it wants."""

@@ -61,7 +61,7 @@ def ground(
     found = extended(nothing, terms)
     problem.searched.look_at(nothing.case)
     few = tied(found.structure) if problem.on_feet else None
-    found = _with_gains_of_any_size(problem.screen, found)
+    found = _of_any_size(problem.screen, found)
     if few is not None:
         return on_feet(problem, effects, few, found, progress=progress, first=first)
     for part in problem.parts:
@@ -76,12 +76,14 @@ def ground(
     return found
 
 
-def _with_gains_of_any_size(part: Half, start: Fit) -> Fit:
-    """Where a fit begins: with servo gains that may be off by orders of magnitude.
+def _of_any_size(part: Half, start: Fit) -> Fit:
+    """Where a fit begins: with servo gains that may be off by orders of magnitude, or late.
 
     A fit would come there in many steps, or not at all, as a servo that is a hundred times too soft
-    lets the robot hang. All joints are tried at once, with kp alone and with kd in proportion; each
-    may begin with what its own channels like best.
+    lets the robot hang, and one that is late by many samples swings. All joints are tried at once:
+    kp alone, kd in proportion, and each delay, which has to halve the gaps by itself: a little of
+    it stands in for friction and gains. Each joint may begin with the gains that its own channels
+    like best.
     """
     objective, structure = part.objective, start.structure
     own = {
@@ -89,23 +91,32 @@ def _with_gains_of_any_size(part: Half, start: Fit) -> Fit:
         for k, slot in enumerate(structure.slots)
         if slot.term.effect.part == "gain" and (gain := _given(slot, structure.robots))
     }
-    if not own:
+    late = {k: s.parameter.starts for k, s in enumerate(structure.slots) if s.parameter.is_delay}
+    delays = max(map(len, late.values()), default=0)
+    if not own and not late:
         return start
-    values = np.tile(start.values, (1 + 2 * len(_FACTORS), 1))
+    gains = 1 + 2 * len(_FACTORS) * bool(own)
+    values = np.tile(start.values, (gains + delays, 1))
     for n, factor in enumerate(_FACTORS, start=1):
         for k, gain in own.items():
             values[n + len(_FACTORS), k] = (factor - 1) * gain
             if structure.slots[k].term.effect.name == "position_gain":
                 values[n, k] = (factor - 1) * gain
+    for k, tried in late.items():
+        values[gains : gains + len(tried), k] = tried
     case = Case(structure=structure, values=np.clip(values, *structure.bounds))
     (mean_square,) = objective.mean_squares([case])
-    liked = np.nan_to_num(np.log(mean_square + objective.level**2), nan=np.inf)
+    scores = objective.score(mean_square) + objective.penalty(structure, case.values)
+    may = np.arange(len(scores)) < gains
+    may |= scores < scores[0] - np.log(2)
+    liked = np.nan_to_num(np.log(mean_square + objective.level**2), nan=np.inf)[:gains]
     joints = np.array([channel.joint or "" for channel in objective.channels])
     each = start.values.copy()
     for k in own:
         mine = liked[:, joints == structure.slots[k].place]
         each[k] = case.values[int(np.argmin(mine.sum(axis=1))), k]
-    best, _ = objective.best(case, mean_square)
+    k = int(np.argmin(np.where(may, scores, np.inf)))
+    best = replace(start, values=case.values[k], score=float(scores[k]), mean_square=mean_square[k])
     return min([best, *evaluate(objective, [(structure, each)])], key=lambda one: one.score)
 
 

@@ -17,6 +17,7 @@ NUMERICS = {
     "_FEWEST",
     "_FOLDS",
     "_LONGEST",
+    "_MOST_BY_THEMSELVES",
     "_MOST_IN_THE_RUNNING",
     "_ORDER",
     "_OUTLIER",
