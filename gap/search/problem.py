@@ -257,156 +257,214 @@ def build(
     Returns:
         The problem.
     """
-    everything = [r for group in (*fitted, *held_out) for r in group]
-    joints = tuple(dict.fromkeys(joint for r in everything for joint in r.joints))
-    channels = tuple(
-        Channel(joint=joint, signal=signal)
-        for signal in ("position", "velocity", "effort")
-        for joint in joints
-        if any(r.signal(joint, signal) is not None for r in everything)
-    ) + base_channels(everything)
-    scored = tuple(channel for channel in channels if channel.quantity in _SCORED)
-    # Nothing of what is held out reaches what is fitted, not even its noise or its range.
-    seen = [r for group in fitted for r in group]
-    floor = np.array([channel_noise(seen, channel).std for channel in scored])
-    sized = [
-        replace(
-            robot, excursions=excursions(robot, fit or held, joints), met=met(robot, fit or held)
-        )
-        for robot, fit, held in zip(robots, fitted, held_out, strict=True)
-    ]
+    making = _Making(robots, fitted, held_out, window=window, hold=hold, n_threads=n_threads)
+    fit, parts = making.fitted(), Latest(_MOST_PARTS)
 
-    on_feet = any(robot.base for robot in sized)
-    few = min(_FEWEST, -(-_FEWEST_OF_ALL // len(sized)))
-    # As long together where they are shorter.
-    fewest = math.ceil(few * STRETCH / window) if window and on_feet else few
+    def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:
+        most = most * making.enough // _MOST_STEPS  # as much of what is fitted as of few joints
+        small = making.share(fitted, most)
+        if small == 1:
+            return fit
+        some = making.picked(fitted, small, stretch, gaps)
+        where = tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
+        key = stretch, longer, where
+        return parts.get(key, lambda: making.half(fitted, some, fit.told, longer))
 
-    def replays(
-        chosen: Sequence[Sequence[Segment]],
-        remade: Remake = lambda robot: robot,
-        kept: Sequence[Channel] = channels,
-    ) -> tuple[Replay, ...]:
-        return tuple(
-            Replay(
-                remade(robot),
-                mine,
-                kept,
-                hold=hold,
-                n_threads=n_threads if len(sized) == 1 else 1,  # robots are side by side
+    return Problem(
+        robots=making.robots,
+        joints=making.joints,
+        fit=fit,
+        held=making.half(held_out, making.picked(held_out, making.share(held_out, making.enough))),
+        searched=Searched(fit, part, longer=making.longer),
+        noise=making.floor,
+        hold=hold,
+        window=window,
+        n_threads=n_threads,
+    )
+
+
+class _Making:
+    """Makes halves of the recordings of some robots.
+
+    Args:
+        robots, fitted, held_out, window, hold, n_threads: as for `build`.
+
+    Attributes:
+        robots: the robots, with how far their joints went in what is fitted.
+        joints: joints that the recordings measure.
+        floor: (n_scored,) noise of the scored channels; once `fitted` was called, of a floating
+            base with that of the states that replays restart from.
+        enough: steps that may be simulated again and again.
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[Robot],
+        fitted: Sequence[Sequence[Recording]],
+        held_out: Sequence[Sequence[Recording]],
+        *,
+        window: float | None,
+        hold: Hold,
+        n_threads: int,
+    ):
+        self._given, self._fitted = robots, fitted
+        self._window, self._hold, self._n_threads = window, hold, n_threads
+        everything = [r for group in (*fitted, *held_out) for r in group]
+        self.joints = tuple(dict.fromkeys(joint for r in everything for joint in r.joints))
+        self._channels = tuple(
+            Channel(joint=joint, signal=signal)
+            for signal in ("position", "velocity", "effort")
+            for joint in self.joints
+            if any(r.signal(joint, signal) is not None for r in everything)
+        ) + base_channels(everything)
+        self._scored = tuple(c for c in self._channels if c.quantity in _SCORED)
+        # Nothing of what is held out reaches what is fitted, not even its noise or its range.
+        seen = [r for group in fitted for r in group]
+        self.floor = np.array([channel_noise(seen, channel).std for channel in self._scored])
+        self.robots = tuple(
+            replace(
+                robot,
+                excursions=excursions(robot, fit or held, self.joints),
+                met=met(robot, fit or held),
             )
-            for robot, mine in zip(sized, chosen, strict=True)
-            if mine
+            for robot, fit, held in zip(robots, fitted, held_out, strict=True)
         )
+        self._on_feet = any(robot.base for robot in self.robots)
+        joined = max(largest(robot) for robot in self.robots)
+        self.enough = _MOST_STEPS * _OF_SO_FEW_JOINTS // max(_OF_SO_FEW_JOINTS, joined)
+        self._recent = Recent()
 
-    # The state of a floating base has so many numbers that what each changes would take too long.
-    free_starts = window is not None and not any(robot.base for robot in sized)
+    @property
+    def longer(self) -> int:
+        """How many times as long steps may be in parts that are looked at."""
+        if any(robot.programs for robot in self._given):
+            return 1  # a law in Python runs once in each step, and may shake in longer ones
+        return int(_TIMESTEP / max(robot.model.opt.timestep for robot in self._given) + 1e-9)
 
-    recent = Recent()
-
-    def objective(simulated: Sequence[Replay]) -> Objective:
-        return Objective(
-            simulated,
-            scored,
-            _FLOOR * floor,
-            n_threads=n_threads,
-            free_starts=free_starts,
-            recent=recent,
-        )
+    def fitted(self) -> Half:
+        """What is fitted, as much of it as may be simulated again and again."""
+        gaps, told = None, None
+        if self._on_feet:
+            # Few of so many windows are fitted, and a foot may slip in others.
+            told = self._replays([cut(r, self._window) for r in self._fitted])
+            every = self._objective(told)
+            as_given = Case(structure=Structure((), self.robots), values=np.zeros((1, 0)))
+            gaps = Gaps.of(every, every.simulated([as_given])[0][0])
+        chosen = self.picked(self._fitted, self.share(self._fitted, self.enough), gaps=gaps)
+        if self._on_feet:
+            restarts = of_restarts(self._replays(chosen, kept=self._scored), self._n_threads)
+            self.floor = np.hypot(self.floor, restarts)
+        return self.half(self._fitted, chosen, told)
 
     def half(
+        self,
         recordings: Sequence[Sequence[Recording]],
         chosen: Sequence[Sequence[Segment]],
         told: tuple[Replay, ...] | None = None,
         longer: int = 1,
     ) -> Half:
+        """Recordings of each robot, of which some stretches are compared.
+
+        Args:
+            recordings: of each robot.
+            chosen: their stretches.
+            told: their replays over the horizon that the gap is told of, where they are known.
+            longer: how many times as long the steps are.
+        """
+
         def stepped(robot: Robot) -> Robot:
             return robot.coarsened(longer) if longer > 1 else robot
 
         def finer() -> Mapping[Way, Objective]:
             def made(remake: Remake) -> Objective:
-                return objective(replays(chosen, lambda robot: remake(stepped(robot)), scored))
+                replays = self._replays(chosen, lambda one: remake(stepped(one)), self._scored)
+                return self._objective(replays)
 
-            return {way: made(remake) for way, remake in other_ways(robots, scored, hold).items()}
+            ways = other_ways(self._given, self._scored, self._hold)
+            return {way: made(remake) for way, remake in ways.items()}
 
+        if told is None:
+            told = self._replays([cut(r, self._window) for r in recordings])
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
-            told=replays([cut(r, window) for r in recordings]) if told is None else told,
-            objective=objective(replays(chosen, stepped)),
+            told=told,
+            objective=self._objective(self._replays(chosen, stepped)),
             make_finer=finer,
         )
 
-    step = float(min(robot.model.opt.timestep for robot in robots))
-
-    def share(recordings: Sequence[Sequence[Recording]], most: int) -> float:
-        """What of them may be simulated again and again."""
+    def share(self, recordings: Sequence[Sequence[Recording]], most: int) -> float:
+        """What of recordings may be simulated again and again, in so many steps."""
+        step = float(min(robot.model.opt.timestep for robot in self._given))
         seconds = sum(float(r.time[-1] - r.time[0]) for group in recordings for r in group)
         return min(1.0, most * step / seconds)
 
     def picked(
+        self,
         recordings: Sequence[Sequence[Recording]],
         share: float,
         stretch: float = STRETCH,
         gaps: Gaps | None = None,
     ) -> tuple[tuple[Segment, ...], ...]:
+        """Stretches of each robot's recordings, spread over them.
+
+        Args:
+            recordings: of each robot.
+            share: what of them.
+            stretch: how long, where whole rollouts are compared [s].
+            gaps: what every stretch leaves, of which those picked are to be like all.
+        """
         found: list[tuple[Segment, ...]] = []
         for k, mine in enumerate(recordings):
-            every = cut(mine, window)
-            if window is None:
+            every = cut(mine, self._window)
+            if self._window is None:
                 every = tuple(s for one in mine for s in stretches(one, stretch))
             # Each robot contributes other parts, so that few of many say something of everything.
-            phase = (k + 0.5) / len(sized)
+            phase = (k + 0.5) / len(self.robots)
             if not every:
                 found.append(())
                 continue
-            some: Sequence[int] = spread(len(every), share=share, phase=phase, fewest=fewest)
+            some: Sequence[int] = spread(len(every), share=share, phase=phase, fewest=self._fewest)
             if gaps is not None:
                 some = representative(every, some, gaps)
             found.append(tuple(every[k] for k in some))
         return tuple(found)
 
-    joined = max(largest(robot) for robot in sized)
-    enough = _MOST_STEPS * _OF_SO_FEW_JOINTS // max(_OF_SO_FEW_JOINTS, joined)
-    gaps, told = None, None
-    if on_feet:
-        # Few of so many windows are fitted, and a foot may slip in others.
-        told = replays([cut(r, window) for r in fitted])
-        every = objective(told)
-        as_given = Case(structure=Structure((), tuple(sized)), values=np.zeros((1, 0)))
-        gaps = Gaps.of(every, every.simulated([as_given])[0][0])
-    chosen = picked(fitted, share(fitted, enough), gaps=gaps)
-    if on_feet:
-        floor = np.hypot(floor, of_restarts(replays(chosen, kept=scored), n_threads))
-    fit = half(fitted, chosen, told)
-    parts = Latest(_MOST_PARTS)
+    @property
+    def _fewest(self) -> int:
+        """Stretches of a robot at least, as long together where they are shorter."""
+        few = min(_FEWEST, -(-_FEWEST_OF_ALL // len(self.robots)))
+        return math.ceil(few * STRETCH / self._window) if self._window and self._on_feet else few
 
-    def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:
-        most = most * enough // _MOST_STEPS  # as much of what is fitted as of few joints
-        small = share(fitted, most)
-        if small == 1:
-            return fit
-        some = picked(fitted, small, stretch, gaps)
-        where = tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
-        key = stretch, longer, where
-        return parts.get(key, lambda: half(fitted, some, fit.told, longer))
+    def _replays(
+        self,
+        chosen: Sequence[Sequence[Segment]],
+        remade: Remake = lambda robot: robot,
+        kept: Sequence[Channel] | None = None,
+    ) -> tuple[Replay, ...]:
+        return tuple(
+            Replay(
+                remade(robot),
+                mine,
+                self._channels if kept is None else kept,
+                hold=self._hold,
+                # Robots are side by side.
+                n_threads=self._n_threads if len(self.robots) == 1 else 1,
+            )
+            for robot, mine in zip(self.robots, chosen, strict=True)
+            if mine
+        )
 
-    return Problem(
-        robots=tuple(sized),
-        joints=joints,
-        fit=fit,
-        held=half(held_out, picked(held_out, share(held_out, enough))),
-        searched=Searched(
-            fit,
-            part,
-            # A law in Python runs once in each step, and may shake in longer ones.
-            longer=1
-            if any(robot.programs for robot in robots)
-            else int(_TIMESTEP / max(robot.model.opt.timestep for robot in robots) + 1e-9),
-        ),
-        noise=floor,
-        hold=hold,
-        window=window,
-        n_threads=n_threads,
-    )
+    def _objective(self, simulated: Sequence[Replay]) -> Objective:
+        return Objective(
+            simulated,
+            self._scored,
+            _FLOOR * self.floor,
+            n_threads=self._n_threads,
+            # The state of a floating base has so many numbers that what each changes would take
+            # too long.
+            free_starts=self._window is not None and not self._on_feet,
+            recent=self._recent,
+        )
 
 
 def channel_noise(recordings: Sequence[Recording], channel: Channel) -> noise.Noise:

@@ -70,9 +70,36 @@ def proposals(
     stage = f"{len(terms)} candidates beside {len(_rare(current.structure))} named"
     if progress:
         progress(stage, 0.0)
+    starts, there = _started(problem, current, terms, always, instead_of, progress, stage)
+    if not starts:
+        return []
+    problem.fit.refine(current)
+    objective = problem.fit.objective
+    best = _promising(problem, current, near, starts, there, always, instead_of)
+    best = [
+        _where_it_stays_within_bounds(objective, one, near)
+        for one in polished(objective, best, near, iterations=_REFITS, certain=False)
+    ]
+    first: dict[object, Fit] = {}
+    for one in sorted(best, key=lambda one: one.score):
+        first.setdefault(one.structure.key, one)
+    return [*first.values()]
+
+
+def _started(
+    problem: Problem,
+    current: Fit,
+    terms: Sequence[Term],
+    always: Collection[str],
+    instead_of: Fit | None,
+    progress: Progress | None,
+    stage: str,
+) -> tuple[list[Fit], Fit]:
+    """Fits to little of the recordings of what may promise most, and what is there on that."""
     problem.searched.look_at(current.case)
     problem.screen.refine(current)
-    least = _brought(problem.screen.objective, current, instead_of)
+    screen = problem.screen.objective
+    least = _brought(screen, current, instead_of)
     view = look(problem.screen, current, terms, least)
     chosen = _chosen(problem, view, always, least)
     if instead_of is None:
@@ -80,11 +107,10 @@ def proposals(
     if not _rare(current.structure) and not problem.on_feet:
         chosen += afresh(problem.screen, current, terms, most=_BY_START)
     if not chosen:
-        return []
-    screen = problem.screen.objective
+        return [], current
+    *begun, there = evaluate(screen, [*chosen, (current.structure, current.values)])
     # On feet each number takes simulations of its own: its slopes are carried along.
     warmed = polished if problem.on_feet else fit
-    *begun, there = evaluate(screen, [*chosen, (current.structure, current.values)])
     starts = warmed(
         screen,
         begun,
@@ -93,7 +119,29 @@ def proposals(
         progress=progress,
         stage=stage,
     )
-    problem.fit.refine(current)
+    return starts, there
+
+
+def _promising(
+    problem: Problem,
+    current: Fit,
+    near: Slopes | None,
+    starts: Sequence[Fit],
+    there: Fit,
+    always: Collection[str],
+    instead_of: Fit | None,
+) -> list[Fit]:
+    """Of fits to little of the recordings those that promise most of all of them.
+
+    Args:
+        problem: what is to be explained, refined at the fit that is there.
+        current: that fit.
+        near: its slopes on all recordings that are fitted.
+        starts: the fits.
+        there: what is there, on as little as they are fitted to.
+        always: as for `proposals`.
+        instead_of: as for `proposals`.
+    """
     objective = problem.fit.objective
     (own,) = evaluate(objective, [(current.structure, current.values)])
     # What gains nothing of little needs no slopes on everything.
@@ -112,14 +160,7 @@ def proposals(
         if one not in best
         and (_is_of(one, always) or (_is_of(one, plain) and len(one.structure.terms) == single))
     ]
-    best = [
-        _where_it_stays_within_bounds(objective, one, near)
-        for one in polished(objective, best, near, iterations=_REFITS, certain=False)
-    ]
-    first: dict[object, Fit] = {}
-    for one in sorted(best, key=lambda one: one.score):
-        first.setdefault(one.structure.key, one)
-    return [*first.values()]
+    return best
 
 
 def _where_it_stays_within_bounds(objective: Objective, one: Fit, near: Slopes | None) -> Fit:

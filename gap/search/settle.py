@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,19 +63,11 @@ def settled(
         The best, at which the half is refined.
     """
     objective = half.objective
+    shown: dict[str, Any] = {"progress": progress, "stage": stage}
+    most: dict[str, Any] = {"iterations": iterations, "leader": leader, "near_enough": True}
 
     def improved(one: Fit, slopes: Slopes | None, *, certain: bool) -> tuple[Fit, Slopes]:
-        found, after = polish(
-            objective,
-            one,
-            slopes,
-            iterations=iterations,
-            certain=certain,
-            near_enough=True,
-            leader=leader,
-            progress=progress,
-            stage=stage,
-        )
+        found, after = polish(objective, one, slopes, certain=certain, **most, **shown)
         return half.by_own_error(found), after
 
     def made() -> Fit:
