@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.experiments.experiment import load_experiments
@@ -126,6 +127,29 @@ def found(explanation: Explanation) -> dict[str, dict[str, float]]:
     for slot, value in slots:
         named.setdefault(slot.term.effect.name, {}).setdefault(slot.place, value)
     return named
+
+
+def test_a_rare_effect_meets_the_ordinary_that_stands_in_for_it(tmp_path: Path) -> None:
+    """Beside gains that follow a payload in the light of a large error it promises nothing."""
+    model = tmp_path / "leg.xml"
+    model.write_text(LEG)
+    rng = np.random.default_rng(3)
+    heavier = HiddenEffect(effect="payload", bodies=("shin",), values={"mass": 0.2})
+    logs = []
+    for log in recorded(model, [heavier]):
+        columns = {name: v for name, v in log.columns.items() if name.split("/")[1] in Q_ONLY}
+        for name in ("knee/position", "ankle/position"):
+            wobble = gaussian_filter1d(rng.standard_normal(len(log.time)), 12)
+            columns[name] = columns[name] + 0.002 * wobble / wobble.std()
+        logs.append(replace(log, columns=columns))
+    leg = prepare(load_experiments(model, logs), window=0.5, n_threads=1).problem("zero_order")
+    ordinary = ("viscous_friction", "armature", "position_gain", "velocity_gain")
+    table = search(leg, *ordinary, "payload", "torque_bias").table
+    alone = {member.key: k for k, member in enumerate(table.members)}[("payload", ("shin",)),]
+    member = table.members[alone]
+    assert table.weights[alone] > 0.2
+    (k,) = member.kept
+    assert member.values[k] == pytest.approx(0.2, rel=0.1)
 
 
 # Where to stop
