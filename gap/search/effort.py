@@ -1,7 +1,7 @@
 """How much is tried: simulation steps, counted against those of the plain fit.
 
     effort = Effort("quick")
-    effort.ground_is_done()          # from now on so many times what has been spent
+    effort.ground_is_done(on_feet=False)        # from now on so many times what has been spent
     if effort.allows("rare effects beside the ordinary ones"):
         ...
 
@@ -22,6 +22,10 @@ Level = Literal["quick", "normal", "thorough"]
 
 _TIMES: Final = {"quick": 4.0, "normal": 60.0, "thorough": float("inf")}
 """How many times the steps of the plain fit are enough to begin nothing more."""
+
+_TIMES_ON_FEET: Final = {"quick": 1.0, "normal": 3.0, "thorough": float("inf")}
+"""The same of a floating base, whose plain fit has met the rare effects of base and ground already,
+and where one look at the others takes as many steps."""
 
 _SPENT: ContextVar[list[int] | None] = ContextVar("spent", default=None)
 
@@ -55,16 +59,17 @@ class Effort:
         self.untried: list[str] = []
         self.stopped = False
         self._plain: int | None = None
+        self._times = _TIMES[level]
 
-    def ground_is_done(self) -> None:
+    def ground_is_done(self, *, on_feet: bool) -> None:
         """What has been spent until now is what others are counted against."""
         if self._plain is None:
             self._plain = spent()
+            self._times = (_TIMES_ON_FEET if on_feet else _TIMES)[self.level]
 
     def allows(self, what: str) -> bool:
         """Whether something more may begin; what may not is remembered."""
-        most = _TIMES[self.level] * (self._plain or 0)
-        if self.stopped or (self._plain is not None and spent() > most):
+        if self.stopped or (self._plain is not None and spent() > self._times * self._plain):
             if what not in self.untried:
                 self.untried.append(what)
             return False

@@ -145,7 +145,7 @@ def begin(
         found = ground(problem, effects, nothing, effort.checked(progress), first)
         if found is not nothing:
             plain = book.add(found)
-    effort.ground_is_done()
+    effort.ground_is_done(on_feet=problem.on_feet)
     return Begun(book=book, nothing=nothing, plain=plain, searched=True)
 
 

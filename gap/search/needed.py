@@ -61,7 +61,8 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
 
     Where feet come down a small change may have steep slopes, by which a number seems needed and
     known to a part in a hundred. Those that foretell more than comes of leaving it out are not
-    believed. What leaves the smallest gaps is left out first.
+    believed; nor are any of what would be missed least. What leaves the smallest gaps is left out
+    first.
     """
     objective, tried = problem.fit.objective, set[tuple[str, str]]()
     while units := list(dict.fromkeys(slot.key[:2] for slot in found.structure.slots)):
@@ -70,12 +71,16 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
             objective, [(one, carried(found.values, found.structure, one)) for one in fewer]
         )
         here = slopes.far_score(objective, np.zeros_like(found.values))
+        least = min(start.score for start in starts)
         astray = [
             (start.score, unit, start)
             for unit, start in zip(units, starts, strict=True)
             if unit not in tried
-            and start.score - found.score
-            < _KEEPS * (slopes.far_score(objective, _out(found, unit)) - here)
+            and (
+                start.score == least
+                or start.score - found.score
+                < _KEEPS * (slopes.far_score(objective, _out(found, unit)) - here)
+            )
         ]
         if not astray:
             break

@@ -34,16 +34,20 @@ def test_levels_are_multiples_of_the_plain_fit() -> None:
     counted()
     quick, thorough = Effort("quick"), Effort("thorough")
     spend(100)
-    for one in (quick, thorough):
-        one.ground_is_done()
+    on_feet = Effort()
+    for one in (quick, thorough, on_feet):
+        one.ground_is_done(on_feet=one is on_feet)
         assert one.allows("more")
-    spend(400)
+    spend(220)
+    assert not on_feet.allows("more")
+    assert quick.allows("more")
+    spend(180)
     assert spent() == 500
     assert not quick.allows("more")
     assert not quick.allows("more")
     assert quick.untried == ["more"]
     assert thorough.allows("more")
-    thorough.ground_is_done()  # of another reading of the targets: the first one counts
+    thorough.ground_is_done(on_feet=False)  # of another reading: the first counts
     assert thorough.allows("more")
 
 
