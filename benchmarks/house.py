@@ -113,13 +113,18 @@ def upward(graph: Mapping[str, set[str]]) -> list[tuple[str, str]]:
     ]
 
 
+def namesakes(files: Mapping[str, Path]) -> list[str]:
+    """Names that more than one module has."""
+    names = Counter(path.stem for path in files.values() if path.stem != "__init__")
+    return [name for name, count in names.items() if count > 1]
+
+
 def run(*, quick: bool) -> list[Row]:
     """Counts, which takes a second in any case."""
     files = modules()
     graph = imports(files)
     sizes = {name: _lines(path) for name, path in files.items()}
     long = sorted((lines, name) for path in files.values() for name, lines in _functions(path))
-    names = Counter(path.stem for path in files.values() if path.stem != "__init__")
     decides = sum(lines for name, lines in sizes.items() if DECIDES in files[name].parents)
     tests = sum(map(_lines, ROOT.glob("tests/**/*.py")))
     short = [
@@ -143,7 +148,7 @@ def run(*, quick: bool) -> list[Row]:
         ),
         Row(
             what="names of several modules",
-            result=", ".join(n for n, k in names.items() if k > 1),
+            result=", ".join(namesakes(files)) or "none",
             required="none",
         ),
     ]

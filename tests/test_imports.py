@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.house import circle, imports, modules, upward
+from benchmarks.house import circle, imports, modules, namesakes, upward
 
 
 def test_there_is_no_circle():
@@ -11,6 +11,10 @@ def test_there_is_no_circle():
 
 def test_nothing_is_imported_from_a_layer_above():
     assert upward(imports(modules())) == []
+
+
+def test_no_two_modules_have_one_name():
+    assert namesakes(modules()) == []
 
 
 def test_a_circle_is_found():
