@@ -3,7 +3,8 @@
     from walkerkit.gap.effects import CATALOGUE
     CATALOGUE["coulomb_friction"].equation
 
-A new effect is a class in the file of its family; a new family is a new file. Nothing else changes.
+A new effect is a class in the file of its family; a new family is a new file. The workflow knows
+of none by name. A law that MJCF has no field for is one more class, in `actuators.drivetrain`.
 An effect that a user defines in a module of his own follows those of this package, and so do those
 of packages that name their modules in the entry points of the group `walkerkit.effects`.
 """

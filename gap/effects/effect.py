@@ -60,8 +60,8 @@ class Parameter:
             says nothing about limits and dead zones.
         choice: its values are those at the starts and none between, so that it is not fitted.
         inverse: name and unit of one over it, where that is what people speak of; else empty.
-        prior: standard deviation of its prior, a normal distribution about `zero`: the size that is
-            plausible before any log is seen. By default that of the largest start.
+        prior: width of its prior, a Student t about `zero`: the size that is plausible before any
+            log is seen. By default that of the largest start.
         shape: how the effect looks where its other numbers make some of it, such as the phase of a
             wave: by itself it changes nothing, so that to know it is not to know the effect.
     """
@@ -105,10 +105,8 @@ class Effect(abc.ABC):
         symptom: where its residual shows.
         added_as: what it becomes in the model.
         source: where the equation is from.
-        part: what of the robot it changes. An unknown law of that part is fitted by two known ones
-            as a function is by the first terms of a series, so that two of one part at the same
-            joint are less sure than each would be. Empty for one of its own kind.
-        also_fits: other parts of which it fits an unknown law as those of the part do.
+        part: what of the robot it changes; empty for one of its own kind. Gains may be off by
+            orders of magnitude, and times are known no better than the simulation's steps.
         kind: whether its sites are joints, bodies or the whole robot.
         shared: the same cause usually acts on all joints (a bus, a filter), so that one value for
             all is preferred where the data allow it.
@@ -117,8 +115,6 @@ class Effect(abc.ABC):
             the first to be named.
         extends: effects of which this one is a generalisation. It explains at least as much, and
             is worth a thought only where it explains more.
-        usually: those of them that are its usual size, so that it stays a rival of theirs: a gear
-            that gains as much when it is driven as it loses when it drives is both.
         fields: parameter's name to the number of the robot's files that `apply` changes by it.
     """
 
@@ -128,13 +124,11 @@ class Effect(abc.ABC):
     added_as: ClassVar[str]
     source: ClassVar[str]
     part: ClassVar[Part] = ""
-    also_fits: ClassVar[tuple[Part, ...]] = ()
     kind: ClassVar[SiteKind] = "joint"
     shared: ClassVar[bool] = False
     fitted: ClassVar[bool] = True
     ordinary: ClassVar[bool] = False
     extends: ClassVar[tuple[str, ...]] = ()
-    usually: ClassVar[tuple[str, ...]] = ()
     fields: ClassVar[Mapping[str, Field]] = MappingProxyType({})
 
     def __init_subclass__(cls) -> None:

@@ -57,7 +57,6 @@ class DirectionalEfficiency(LawEffect):
     symptom = "drive ≠ backdrive"
     source = "Wang, Kim, Directional efficiency in geared transmissions, IEEE ICRA 2015"
     extends = ("load_dependent_friction", "torque_constant")
-    usually = ("load_dependent_friction",)
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
         """Both factors."""

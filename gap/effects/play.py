@@ -97,7 +97,6 @@ class SeriesElasticity(JointEffect):
 
     name = "series_elasticity"
     part = "play"
-    also_fits = ("timing", "friction")
     equation = "τ = K (θ − q), 1/K: compliance [rad/(N·m)], θ: of the motor"
     symptom = "resonance"
     added_as = "two joints, the second with stiffness and damping"

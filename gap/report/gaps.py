@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from walkerkit.gap.report.quantity import percent
 
-_CLEARLY = 4.0  # a gap over the timestep's own error that this cannot be taken for
 _AT_FLOOR = 1.5  # a gap within this factor of noise and numerical error together is none
 _JOINT_AT_FLOOR = 2.0  # the same of one joint among others
 _MOSTLY = 0.5  # of the way to its floor, which an explained gap has gone
@@ -110,20 +109,6 @@ class Gap:
         """Joints whose gap does not show in that of all, which is at its floor; largest first."""
         at_floor = self.position.at_floor and not self.position_at_floor
         return _standing_out(self.joints) if at_floor else ()
-
-    @property
-    def clear(self) -> float:
-        """How clearly the gap stood out of the timestep's own error, 0 to 1 for `_CLEARLY`.
-
-        That hides nothing where it is less than the noise, where the noise alone is left, as of a
-        log from the same simulator, or where nothing is left at a finer timestep.
-        """
-        finer, size = self.finer_position, self.position
-        if finer is None or finer.at_floor or replace(size, numerical_floor=0.0).at_floor:
-            return 1.0
-        if size.before <= size.numerical_floor:
-            return 0.0
-        return min(math.log(size.before / size.numerical_floor, _CLEARLY), 1.0)
 
 
 def _standing_out(joints: Mapping[str, GapSize]) -> tuple[str, ...]:

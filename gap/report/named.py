@@ -10,10 +10,10 @@ from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.report.diagnosis import Considered, NamedEffect, Rival
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.replayed import Replayed, gaps_of, gaps_with
+from walkerkit.gap.search.by_itself import only_needed
 from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.compare import Member
 from walkerkit.gap.search.naming import Explanation, in_its_place
-from walkerkit.gap.search.needed import only_needed
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 from walkerkit.gap.simulation.mend import mend

@@ -28,8 +28,8 @@ VALUES = (
     "of laws in actuators.json, which are what they say."
 )
 SURE = (
-    "“Sure” is how often resampled recordings prefer the effect to its rivals; less where a gap is "
-    "left, and where several effects may together stand in for one that the catalogue lacks."
+    "“Sure” is the weight of all structures that have the effect, or another that these channels "
+    "cannot tell from it, among all that were compared."
 )
 TITLES = {
     "explained": "Explained",

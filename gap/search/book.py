@@ -182,7 +182,7 @@ class Book:
         return wildness.density(before) - wildness.density(after) > reach
 
     def _tried(self, one: Fit, beside: Fit) -> None:
-        rare = [t for t in one.structure.terms if t.effect.fitted and not t.effect.ordinary]
+        rare = one.structure.rare
         key = (1 + len(rare), rare[-1].effect.name)
         self.gains[key] = max(self.gains.get(key, -np.inf), beside.score - one.score)
 
@@ -200,7 +200,9 @@ class Book:
         Once structures were fitted by themselves, only those that lack nothing else count: others
         are rivals, between which the table decides.
         """
-        plain = [m for m in self._members if _rare(m) < _rare(one)]
+        plain = [
+            m for m in self._members if len(m.fit.structure.rare) < len(one.fit.structure.rare)
+        ]
         if self._among is not None:
             plain = [m for m in plain if m.effects.keys() <= one.effects.keys()]
         return not plain or is_worth_a_name(Table(tuple(plain)).best, one, self._joints)
@@ -212,7 +214,7 @@ def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:
     Beside what the member needs: dry friction that it has no more cannot be what bristles carry.
     """
     one, structure = member.fit, member.fit.structure
-    rare = [t for t in structure.terms if t.effect.fitted and not t.effect.ordinary]
+    rare = structure.rare
     stopped = ran_away(one)
     columns = [structure.columns(term) for term in rare]
     if any(stopped[own].any() for own in columns):
@@ -248,7 +250,3 @@ def known_errors(
     away = np.where(shapes, 0.0, np.abs(one.values - one.structure.zero))
     errors: FloatArray = away / np.where(std > 0, std, np.inf)
     return errors
-
-
-def _rare(one: Member) -> int:
-    return sum(not t.effect.ordinary and t.effect.fitted for t in one.fit.structure.terms)

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
+from walkerkit.gap.search.by_itself import only_needed
 from walkerkit.gap.search.compare import Member, Table, leaves_smaller_gaps
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
 from walkerkit.gap.search.fit import evaluate, polished
-from walkerkit.gap.search.needed import only_needed
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.ordinary_effects import ground
 from walkerkit.gap.search.problem import Problem
@@ -181,7 +181,7 @@ def name_effects(
     grown = book.best.fit
     search.compare()
     with contextlib.suppress(EnoughError):
-        search.instead_of_the_unknown(rare, grown, begun)
+        search.once_more(rare, grown, begun)
     final = by_usual_names(problem, book.best.fit)
     if not _mends(problem, begun.nothing, final):
         final = begun.nothing
@@ -222,19 +222,19 @@ class _Search:
 
     def rare(self, effects: Sequence[Effect], current: Fit) -> None:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
-        begun = _rare(current)  # of a floating base, which no other met
+        begun = current.structure.rare  # of a floating base, which no other met
         current = self._grown(effects, current)
         for _ in range(_EXCHANGES):
             self._exchange(effects, current, begun)
             if self._book.best.fit.structure.key == current.structure.key:
                 break
-            current, begun = self._grown(effects, self._book.best.fit), []
+            current, begun = self._grown(effects, self._book.best.fit), ()
 
     def compare(self) -> None:
         """Has what may be the best fitted by itself."""
         self._book.fit_what_is_in_the_running(lambda member: only_needed(self._problem, member))
 
-    def instead_of_the_unknown(self, effects: Sequence[Effect], grown: Fit, begun: Begun) -> None:
+    def once_more(self, effects: Sequence[Effect], grown: Fit, begun: Begun) -> None:
         """Looks for rare effects again, where much of what was grown is not known to be there.
 
         What is ordinary may follow a rare effect by numbers of which none is known: beside them it
@@ -261,12 +261,12 @@ class _Search:
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
         """The structure that the table prefers, with as many rare effects as it wants."""
         problem, book = self._problem, self._book
-        while not problem.leaves_nothing(current) and len(_rare(current)) < MOST_RARE:
-            if not self._effort.allows(f"{_NTH[len(_rare(current))]} rare effect"):
+        while not problem.leaves_nothing(current) and len(current.structure.rare) < MOST_RARE:
+            if not self._effort.allows(f"{_NTH[len(current.structure.rare)]} rare effect"):
                 break
             self._propose(effects, current)
             best = book.best.fit
-            if len(_rare(best)) <= len(_rare(current)):
+            if len(best.structure.rare) <= len(current.structure.rare):
                 break
             current = _at_needed_places(problem, book, best)
         return current
@@ -277,7 +277,7 @@ class _Search:
         Some have met none of the others, and meet them all.
         """
         problem, book = self._problem, self._book
-        found = _rare(current)
+        found = current.structure.rare
         for term in found:
             if term is found[-1] and term not in unmet:  # it met the others when it was added
                 continue
@@ -321,7 +321,7 @@ class _Search:
             for one in found:
                 book.add(one, beside=current)
             found = []
-            tamed = tamed and len(_rare(book.best.fit)) <= len(_rare(current))
+            tamed = tamed and len(book.best.fit.structure.rare) <= len(current.structure.rare)
         tame = without_the_wild(problem, current) if tamed else None
         if tame is not None:
             its = near.trusting(tame.fit.objective, current)
@@ -554,7 +554,3 @@ def _takes_long(problem: Problem, current: Fit) -> bool:
     trials = [current.structure.trials(robot, current.values[None]) for robot in problem.robots]
     longest = max(replay.longest for replay in problem.fit.told)
     return any(one.laws or one.numbers for one in trials) and longest > _LONGEST_WITH_LAWS
-
-
-def _rare(one: Fit) -> list[Term]:
-    return [t for t in one.structure.terms if t.effect.fitted and not t.effect.ordinary]

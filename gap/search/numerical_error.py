@@ -19,7 +19,7 @@ from typing import Final, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.starts import Starts
+from walkerkit.gap.search.starting_states import Starts
 
 FloatArray = NDArray[np.float64]
 _Float = TypeVar("_Float", np.float32, np.float64)

@@ -24,7 +24,7 @@ from walkerkit.gap.search.effort import spend
 from walkerkit.gap.search.known_error import KnownError
 from walkerkit.gap.search.numerical_error import NumericalError, Way
 from walkerkit.gap.search.recent import Recent
-from walkerkit.gap.search.starts import ALIKE, Starts, start_errors
+from walkerkit.gap.search.starting_states import ALIKE, Starts, start_errors
 from walkerkit.gap.search.structure import Case, Fit, Structure
 from walkerkit.gap.simulation.branches import branches
 from walkerkit.gap.simulation.replay import Channel, Replay, predict_together

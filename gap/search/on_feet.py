@@ -22,7 +22,7 @@ from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import evaluate, polish, polished
 from walkerkit.gap.search.like_joints import Tied
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.reduce import needed
+from walkerkit.gap.search.reduce import reduced
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Term, carried, extended
@@ -100,7 +100,7 @@ def _needed(problem: Problem, everywhere: Fit, progress: Progress | None) -> tup
     )
     there = problem.fit.by_own_error(there)
     slopes = slopes.at_another_error(objective, there)
-    return there, needed(objective, there, slopes, problem.noise)
+    return there, reduced(objective, there, slopes, problem.noise)
 
 
 def _alike(

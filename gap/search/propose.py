@@ -67,7 +67,7 @@ def proposals(
     terms = _addable(problem, current.structure, effects)
     if not terms:
         return []
-    stage = f"{len(terms)} candidates beside {len(_rare(current.structure))} named"
+    stage = f"{len(terms)} candidates beside {len(current.structure.rare)} named"
     if progress:
         progress(stage, 0.0)
     starts, there = _started(problem, current, terms, always, instead_of, progress, stage)
@@ -104,7 +104,7 @@ def _started(
     chosen = _chosen(problem, view, always, least)
     if instead_of is None:
         chosen += [view.start(pair) for pair in _pairs(view)]
-    if not _rare(current.structure) and not problem.on_feet:
+    if not current.structure.rare and not problem.on_feet:
         chosen += afresh(problem.screen, current, terms, most=_BY_START)
     if not chosen:
         return [], current
@@ -212,10 +212,6 @@ def _addable(problem: Problem, structure: Structure, effects: Sequence[Effect]) 
         if term.sites:
             found.append(term)
     return found
-
-
-def _rare(structure: Structure) -> list[Term]:
-    return [term for term in structure.terms if not term.effect.ordinary]
 
 
 def _chosen(

@@ -60,7 +60,7 @@ def members(
     return found
 
 
-def needed(objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray) -> Member:
+def reduced(objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray) -> Member:
     """The most probable structure within a fit, of which whatever it does not need is gone."""
     return _Reduction(objective, one, slopes, noise, any_may_go=True).best([])
 

@@ -99,6 +99,11 @@ class Structure:
                 terms.append(term if term.shared else replace(term, sites=places))
         return replace(self, terms=tuple(terms))
 
+    @property
+    def rare(self) -> tuple[Term, ...]:
+        """The terms of effects that not every model has a little wrong, and that are fitted."""
+        return tuple(t for t in self.terms if t.effect.fitted and not t.effect.ordinary)
+
     @cached_property
     def zero(self) -> FloatArray:
         """(n_parameters,) values at which the robots are unchanged."""
@@ -119,11 +124,11 @@ class Structure:
 
     @cached_property
     def prior(self) -> FloatArray:
-        """(n_parameters,) standard deviations of the priors, normal about `zero`."""
+        """(n_parameters,) widths of the priors, which are Student t about `zero`."""
         return np.array([np.inf if s.term.doubted else s.parameter.prior for s in self.slots])
 
     def away(self, values: FloatArray) -> FloatArray:
-        """(..., n_parameters) distances from zero, in standard deviations of the priors."""
+        """(..., n_parameters) distances from zero, in widths of the priors."""
         found: FloatArray = (values - self.zero) / self.prior
         return found
 

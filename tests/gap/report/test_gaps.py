@@ -47,29 +47,6 @@ def test_how_much_of_a_gap_is_closed(
     assert size.mostly_closed is (closed >= 0.5)
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "finer", "clear"),
-    [
-        (0.05, 0.004, 0.0030, 1.0),  # far above what the timestep leaves
-        (0.012, 0.008, 0.0070, 0.79),  # hardly above it, and more is left at a finer one
-        (0.003, 0.003, 0.0030, 0.0),
-        (0.0, 0.003, 0.0030, 0.0),
-        (0.012, 0.004, 0.0014, 1.0),  # nothing is left at a finer one
-        (0.012, 0.00011, 0.0040, 1.0),  # the log has the same error
-    ],
-)
-def test_how_clearly_a_gap_stands_out_of_the_timestep(
-    leg: LegDiagnosis, before: float, after: float, finer: float, clear: float
-) -> None:
-    coarse = GapSize(
-        unit="rad", before=before, after=after, noise_floor=0.0001, numerical_floor=0.004
-    )
-    fine = replace(coarse, after=finer, numerical_floor=0.004 / 3)
-    gap = replace(leg().gap, position=coarse, finer_position=fine)
-    assert gap.clear == pytest.approx(clear, abs=0.01)
-    assert replace(gap, finer_position=None).clear == 1.0
-
-
 def test_a_gap_of_one_joint_is_not_hidden_by_the_others(leg: LegDiagnosis) -> None:
     still = GapSize(unit="rad", before=0.001, after=0.001, noise_floor=0.001)
     moved = replace(still, before=0.0032, after=0.0032)

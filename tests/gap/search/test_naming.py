@@ -16,10 +16,10 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.report.named import confusion_set
+from walkerkit.gap.search.by_itself import all_estimated
 from walkerkit.gap.search.compare import Table
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.naming import Explanation, Named, by_usual_names, name_effects
-from walkerkit.gap.search.needed import all_estimated
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.settle import settled

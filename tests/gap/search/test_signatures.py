@@ -11,8 +11,8 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from tests.gap.search.test_naming import LEG, hide, problem_of
-from tests.gap.search.test_starts import LEG as UNDER_TORQUE
-from tests.gap.search.test_starts import logged
+from tests.gap.search.test_starting_states import LEG as UNDER_TORQUE
+from tests.gap.search.test_starting_states import logged
 from walkerkit.gap import steps
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.rehearsal.hidden import HiddenEffect

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from walkerkit.gap import steps
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.starts import Starts
+from walkerkit.gap.search.starting_states import Starts
 from walkerkit.gap.search.structure import Case, Structure
 from walkerkit.gap.simulation.trials import Trials
 
