@@ -239,23 +239,22 @@ class _Search:
 
         What is ordinary may follow a rare effect by numbers of which none is known: beside them it
         promises nothing, and without them much. So rare effects have the model as given to
-        themselves, and what is ordinary comes on top; or they come beside what is known.
+        themselves, and what is ordinary comes on top.
         """
         problem, book = self._problem, self._book
         known = book.best.fit
         if problem.on_feet or known.score < grown.score + LEAST_GAIN:
             return
         found = self._grown(effects, begun.nothing)
-        if found is begun.nothing:
-            found = self._grown(effects, known)
-        elif found is not known:
-            has = {term.effect.name for term in found.structure.terms}
-            more = [t for t in begun.plain.structure.terms if t.effect.name not in has]
-            objective = problem.fit.objective
-            problem.fit.refine(found)
-            both = extended(found, more)
-            starts = evaluate(objective, [(both.structure, both.values)])
-            book.add(polished(objective, starts, iterations=_REFITS)[0])
+        if found is begun.nothing or found is known:
+            return
+        has = {term.effect.name for term in found.structure.terms}
+        more = [t for t in begun.plain.structure.terms if t.effect.name not in has]
+        objective = problem.fit.objective
+        problem.fit.refine(found)
+        both = extended(found, more)
+        starts = evaluate(objective, [(both.structure, both.values)])
+        book.add(polished(objective, starts, iterations=_REFITS)[0])
         self.compare()
 
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
