@@ -61,7 +61,8 @@ def ground(
     found = extended(nothing, terms)
     problem.searched.look_at(nothing.case)
     few = tied(found.structure) if problem.on_feet else None
-    found = _of_any_size(problem.screen, found)
+    # On feet no other fit has delays last, which may stand in for what base and ground need.
+    found = _of_any_size(problem.screen, found, late=not problem.on_feet)
     if few is not None:
         return on_feet(problem, effects, few, found, progress=progress, first=first)
     for part in problem.parts:
@@ -76,14 +77,14 @@ def ground(
     return found
 
 
-def _of_any_size(part: Half, start: Fit) -> Fit:
+def _of_any_size(part: Half, start: Fit, *, late: bool) -> Fit:
     """Where a fit begins: with servo gains that may be off by orders of magnitude, or late.
 
     A fit would come there in many steps, or not at all, as a servo that is a hundred times too soft
     lets the robot hang, and one that is late by many samples swings. All joints are tried at once:
-    kp alone, kd in proportion, and each delay, which has to halve the gaps by itself: a little of
-    it stands in for friction and gains. Each joint may begin with the gains that its own channels
-    like best.
+    kp alone, kd in proportion, and if wanted each delay, which has to halve the gaps by itself: a
+    little of it stands in for friction and gains. Each joint may begin with the gains that its own
+    channels like best.
     """
     objective, structure = part.objective, start.structure
     own = {
@@ -91,9 +92,13 @@ def _of_any_size(part: Half, start: Fit) -> Fit:
         for k, slot in enumerate(structure.slots)
         if slot.term.effect.part == "gain" and (gain := _given(slot, structure.robots))
     }
-    late = {k: s.parameter.starts for k, s in enumerate(structure.slots) if s.parameter.is_delay}
-    delays = max(map(len, late.values()), default=0)
-    if not own and not late:
+    delayed = {
+        k: slot.parameter.starts
+        for k, slot in enumerate(structure.slots)
+        if late and slot.parameter.is_delay
+    }
+    delays = max(map(len, delayed.values()), default=0)
+    if not own and not delayed:
         return start
     gains = 1 + 2 * len(_FACTORS) * bool(own)
     values = np.tile(start.values, (gains + delays, 1))
@@ -102,7 +107,7 @@ def _of_any_size(part: Half, start: Fit) -> Fit:
             values[n + len(_FACTORS), k] = (factor - 1) * gain
             if structure.slots[k].term.effect.name == "position_gain":
                 values[n, k] = (factor - 1) * gain
-    for k, tried in late.items():
+    for k, tried in delayed.items():
         values[gains : gains + len(tried), k] = tried
     case = Case(structure=structure, values=np.clip(values, *structure.bounds))
     (mean_square,) = objective.mean_squares([case])
