@@ -61,8 +61,7 @@ def ground(
     found = extended(nothing, terms)
     problem.searched.look_at(nothing.case)
     few = tied(found.structure) if problem.on_feet else None
-    # On feet no other fit has delays last, which may stand in for what base and ground need.
-    found = _of_any_size(problem.screen, found, late=not problem.on_feet)
+    found = _with_gains_of_any_size(problem.screen, found)
     if few is not None:
         return on_feet(problem, effects, few, found, progress=progress, first=first)
     for part in problem.parts:
@@ -77,14 +76,12 @@ def ground(
     return found
 
 
-def _of_any_size(part: Half, start: Fit, *, late: bool) -> Fit:
-    """Where a fit begins: with servo gains that may be off by orders of magnitude, or late.
+def _with_gains_of_any_size(part: Half, start: Fit) -> Fit:
+    """Where a fit begins: with servo gains that may be off by orders of magnitude.
 
     A fit would come there in many steps, or not at all, as a servo that is a hundred times too soft
-    lets the robot hang, and one that is late by many samples swings. All joints are tried at once:
-    kp alone, kd in proportion, and if wanted each delay, which has to halve the gaps by itself: a
-    little of it stands in for friction and gains. Each joint may begin with the gains that its own
-    channels like best.
+    lets the robot hang. All joints are tried at once, with kp alone and with kd in proportion; each
+    may begin with what its own channels like best.
     """
     objective, structure = part.objective, start.structure
     own = {
@@ -92,36 +89,23 @@ def _of_any_size(part: Half, start: Fit, *, late: bool) -> Fit:
         for k, slot in enumerate(structure.slots)
         if slot.term.effect.part == "gain" and (gain := _given(slot, structure.robots))
     }
-    delayed = {
-        k: slot.parameter.starts
-        for k, slot in enumerate(structure.slots)
-        if late and slot.parameter.is_delay
-    }
-    delays = max(map(len, delayed.values()), default=0)
-    if not own and not delayed:
+    if not own:
         return start
-    gains = 1 + 2 * len(_FACTORS) * bool(own)
-    values = np.tile(start.values, (gains + delays, 1))
+    values = np.tile(start.values, (1 + 2 * len(_FACTORS), 1))
     for n, factor in enumerate(_FACTORS, start=1):
         for k, gain in own.items():
             values[n + len(_FACTORS), k] = (factor - 1) * gain
             if structure.slots[k].term.effect.name == "position_gain":
                 values[n, k] = (factor - 1) * gain
-    for k, tried in delayed.items():
-        values[gains : gains + len(tried), k] = tried
     case = Case(structure=structure, values=np.clip(values, *structure.bounds))
     (mean_square,) = objective.mean_squares([case])
-    scores = objective.score(mean_square) + objective.penalty(structure, case.values)
-    may = np.arange(len(scores)) < gains
-    may |= scores < scores[0] - np.log(2)
-    liked = np.nan_to_num(np.log(mean_square + objective.level**2), nan=np.inf)[:gains]
+    liked = np.nan_to_num(np.log(mean_square + objective.level**2), nan=np.inf)
     joints = np.array([channel.joint or "" for channel in objective.channels])
     each = start.values.copy()
     for k in own:
         mine = liked[:, joints == structure.slots[k].place]
         each[k] = case.values[int(np.argmin(mine.sum(axis=1))), k]
-    k = int(np.argmin(np.where(may, scores, np.inf)))
-    best = replace(start, values=case.values[k], score=float(scores[k]), mean_square=mean_square[k])
+    best, _ = objective.best(case, mean_square)
     return min([best, *evaluate(objective, [(structure, each)])], key=lambda one: one.score)
 
 
