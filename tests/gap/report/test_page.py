@@ -98,7 +98,10 @@ def test_sections_from_the_verdict_to_the_use(leg: LegDiagnosis, tmp_path: Path)
     assert places == sorted(places), dict(zip(order, places, strict=True))
     assert -1 not in places
     assert CATALOGUE["coulomb_friction"].equation in page.text
-    for says in ("except limits, rest angles, timesteps", "the weight of all structures that have the effect"):
+    for says in (
+        "except limits, rest angles, timesteps",
+        "the weight of all structures that have the effect",
+    ):
         assert says in page.text
     assert {"name": "viewport", "content": "width=device-width, initial-scale=1"} in (
         page.attributes("meta")
