@@ -73,7 +73,7 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
         here = slopes.far_score(objective, np.zeros_like(found.values))
         least = min(start.score for start in starts)
         astray = [
-            (start.score, unit, start)
+            (unit, start)
             for unit, start in zip(units, starts, strict=True)
             if unit not in tried
             and (
@@ -82,23 +82,35 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
                 < _KEEPS * (slopes.far_score(objective, _out(found, unit)) - here)
             )
         ]
-        if not astray:
-            break
-        _, unit, start = min(astray, key=lambda one: one[0])
-        tried.add(unit)
-        without = settled(problem.fit, start, passes=_PASSES, iterations=_REFITS)
-        its = linearised(objective, without)
-        if not leaves_smaller_gaps(
-            objective.block_squares(its.residual),
-            objective.block_squares(slopes.residual),
-            count=objective.block_counts(),
-            floor=problem.noise,
-            joints=[channel.joint for channel in problem.channels],
-        ):
-            found, slopes = without, its
-        else:
+        for unit, start in sorted(astray, key=lambda one: one[1].score):
+            tried.add(unit)
+            without = settled(problem.fit, start, passes=_PASSES, iterations=_REFITS)
+            its = linearised(objective, without)
+            if not leaves_less(problem, its.residual, slopes.residual):
+                found, slopes = without, its
+                break
             problem.fit.refine(found)
+        else:
+            break
     return found, slopes
+
+
+def leaves_less(problem: Problem, before: FloatArray, after: FloatArray) -> bool:
+    """Whether gaps are smaller, by what is worth a name, where a residual is another.
+
+    Args:
+        problem: what is to be explained.
+        before: (rows, n_scored) of what is fitted.
+        after: the same, which is to be smaller.
+    """
+    objective = problem.fit.objective
+    return leaves_smaller_gaps(
+        objective.block_squares(before),
+        objective.block_squares(after),
+        count=objective.block_counts(),
+        floor=problem.noise,
+        joints=[channel.joint for channel in problem.channels],
+    )
 
 
 def _out(one: Fit, unit: tuple[str, str]) -> FloatArray:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
-from walkerkit.gap.search.by_itself import only_needed
-from walkerkit.gap.search.compare import Member, Table, leaves_smaller_gaps
+from walkerkit.gap.search.by_itself import leaves_less, only_needed
+from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
 from walkerkit.gap.search.fit import evaluate, polished
@@ -197,13 +197,7 @@ def _mends(problem: Problem, given: Fit, final: Fit) -> bool:
     """
     objective = problem.fit.objective
     before, after = (objective.simulated([one.case])[0][0] for one in (given, final))
-    return not np.isfinite(before).all() or leaves_smaller_gaps(
-        objective.block_squares(before),
-        objective.block_squares(after),
-        count=objective.block_counts(),
-        floor=problem.noise,
-        joints=[channel.joint for channel in problem.channels],
-    )
+    return not np.isfinite(before).all() or leaves_less(problem, before, after)
 
 
 class _Search:
@@ -250,11 +244,9 @@ class _Search:
             return
         has = {term.effect.name for term in found.structure.terms}
         more = [t for t in begun.plain.structure.terms if t.effect.name not in has]
-        objective = problem.fit.objective
         problem.fit.refine(found)
-        both = extended(found, more)
-        starts = evaluate(objective, [(both.structure, both.values)])
-        book.add(polished(objective, starts, iterations=_REFITS)[0])
+        (both,) = _refitted(problem, found, [extended(found, more).structure])
+        book.add(both)
         self.compare()
 
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
