@@ -97,8 +97,11 @@ Explain = Annotated[
     typer.Option("--explain", help="Print the table by which the structures were compared."),
 ]
 Window = Annotated[
-    float,
-    typer.Option(help="Seconds between restarts where joints are driven by effort."),
+    float | None,
+    typer.Option(
+        help="Seconds between restarts where joints are driven by effort or the base floats; by "
+        "default 0.5, of a robot that walks half as long as its feet stand and swing."
+    ),
 ]
 Threads = Annotated[
     int, typer.Option(min=0, help="Threads and processes of the simulation, 0 for all cores.")
@@ -188,7 +191,7 @@ def compare(
     held_out: HeldOut = None,
     skip: Skip = None,
     column_map: Map = None,
-    window: Window = 0.5,
+    window: Window = None,
     threads: Threads = 0,
     allow_code: AllowCode = False,
     allow_outside: AllowOutside = False,
@@ -221,7 +224,7 @@ def diagnose(
     skip: Skip = None,
     column_map: Map = None,
     out: Out = Path("walkerkit-diagnosis"),
-    window: Window = 0.5,
+    window: Window = None,
     effect: Effects = None,
     known: Known = None,
     doubt: Doubt = None,
@@ -291,7 +294,7 @@ def diagnose_fleet(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Robots at a time, by default one for each core.")
     ] = None,
-    window: Window = 0.5,
+    window: Window = None,
     effect: Effects = None,
     threads: Annotated[int, typer.Option(min=1, help="Threads of each simulation.")] = 1,
     overwrite: Annotated[

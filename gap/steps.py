@@ -46,7 +46,7 @@ from walkerkit.gap.search.structure import Fit, Structure, Term, candidate_terms
 from walkerkit.gap.simulation.commands import Hold
 from walkerkit.gap.simulation.mend import mend
 from walkerkit.gap.simulation.robot import Robot
-from walkerkit.gap.workflow import WINDOW, effect_names, prepare
+from walkerkit.gap.workflow import effect_names, prepare
 
 FloatArray = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def load(
     held_out: OneOrMore = (),
     skip: Sequence[str] = (),
     column_map: str | Path | None = None,
-    window: float = WINDOW,
+    window: float | None = None,
     hold: Hold | None = None,
     n_threads: int = 0,
     allow_code: bool = False,
@@ -73,7 +73,7 @@ def load(
         held_out: which of them no fit may see; by default some are chosen.
         skip: spans of time that are left out, as for `diagnose`.
         column_map: as for `diagnose`.
-        window: seconds after which replays restart where joints are driven by effort.
+        window: as for `diagnose`.
         hold: what the targets are between their samples: `zero_order`, `linear` or `next`; by
             default what the model's `actuators.json` says, else they are held (`zero_order`).
         n_threads: threads of the simulation, and processes of its laws, 0 for all cores. Results

@@ -34,6 +34,7 @@ from walkerkit.gap.recordings.checks import (
     check_seconds,
     check_window,
     lopsided,
+    shortest_window,
     source,
     without_echoes,
     without_placeholders,
@@ -62,6 +63,7 @@ from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_e
 from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.mend import mend
+from walkerkit.gap.simulation.phases import phases_of, typical
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.size import check_size
@@ -77,6 +79,7 @@ from walkerkit.walkers.batch import counted_warnings, without_warnings
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.5  # s
+_SHORTEST_WINDOW = 0.1  # s
 OneOrMoreEffects = str | Effect | type[Effect] | Sequence[str | Effect | type[Effect]]
 
 
@@ -90,6 +93,7 @@ class Setup:
         experiments: models and recordings as they were given.
         beliefs: what the user knows or doubts.
         window: seconds after which replays restart, or None for whole rollouts.
+        walks: feet lift off and touch down.
         n_threads: threads of the simulation, 0 for all cores.
     """
 
@@ -97,6 +101,7 @@ class Setup:
     fitted: Recordings
     held_out: Recordings
     window: float | None
+    walks: bool
     n_threads: int
     experiments: tuple[Experiment, ...]
     beliefs: Beliefs = NOTHING
@@ -128,6 +133,7 @@ class Setup:
             self.fitted,
             self.held_out,
             window=self.window,
+            walks=self.walks,
             hold=hold,
             n_threads=self.n_threads,
         )
@@ -142,7 +148,7 @@ def diagnose(
     held_out: OneOrMore = (),
     skip: Sequence[str] = (),
     column_map: str | Path | None = None,
-    window: float = WINDOW,
+    window: float | None = None,
     effects: OneOrMoreEffects | None = None,
     known: str | Sequence[str] = (),
     doubt: str | Sequence[str] = (),
@@ -166,7 +172,8 @@ def diagnose(
         column_map: file of a column map (`walkerkit.gap.ingest`), by which all files are read;
             without one, logs of other formats are read as their names and the model say.
         window: seconds after which replays restart where joints are driven by effort or the
-            base floats.
+            base floats; by default 0.5, of a robot that walks half as long as its feet stand and
+            swing.
         effects: the effects to consider, or one: names, or effects of your own; all by default, to
             which those belong that you have defined.
         known: effects or numbers that are right in the model and are not changed, as "payload",
@@ -292,7 +299,7 @@ def compare(
     held_out: OneOrMore = (),
     skip: Sequence[str] = (),
     column_map: str | Path | None = None,
-    window: float = WINDOW,
+    window: float | None = None,
     n_threads: int = 0,
     allow_code: bool = False,
     allow_outside: bool = False,
@@ -356,7 +363,7 @@ def _measured(setup: Setup) -> Result:
 def prepare(
     experiments: Sequence[Experiment],
     *,
-    window: float,
+    window: float | None,
     n_threads: int,
     allow_outside: bool = False,
 ) -> Setup:
@@ -365,7 +372,8 @@ def prepare(
     Args:
         experiments: models and recordings.
         window: seconds after which replays restart where joints are driven by effort or the
-            base floats.
+            base floats; by default 0.5, of a robot that walks half as long as its feet stand and
+            swing.
         n_threads: threads of the simulation, 0 for all cores.
         allow_outside: a model's meshes and included files may lie outside of its folder.
 
@@ -385,7 +393,8 @@ def prepare(
         replace(experiment, recordings=tuple(_checked(robot, r) for r in experiment.recordings))
         for robot, experiment in zip(robots, experiments, strict=True)
     )
-    restarts = _window(robots, experiments, recordings, window)
+    phase = _phase(robots, experiments)
+    restarts = _window(robots, experiments, recordings, window, phase)
     experiments = rewired_experiments(robots, experiments, window=restarts, n_threads=n_threads)
     experiments = tuple(_rewired(robot, e) for robot, e in zip(robots, experiments, strict=True))
     fitted, held_out = split(experiments)
@@ -394,6 +403,7 @@ def prepare(
         fitted=fitted,
         held_out=held_out,
         window=restarts,
+        walks=0.5 * phase < WINDOW,
         n_threads=n_threads,
         experiments=experiments,
     )
@@ -415,13 +425,28 @@ def _suiting(experiment: Experiment, *, allow_outside: bool) -> tuple[Robot, Exp
     return robot, replace(experiment, recordings=fitting)
 
 
+def _phase(robots: Sequence[Robot], experiments: Sequence[Experiment]) -> float:
+    """How long feet stand and swing in what is fitted [s]; without bound where none floats."""
+    fitted, _ = split(experiments)
+    found = [
+        phases_of(robot, recording)
+        for robot, mine in zip(robots, fitted, strict=True)
+        for recording in mine
+    ]
+    return typical(np.concatenate([*found, np.empty(0)]))
+
+
 def _window(
     robots: Sequence[Robot],
     experiments: Sequence[Experiment],
     recordings: Sequence[Recording],
-    window: float,
+    window: float | None,
+    phase: float,
 ) -> float | None:
     """The window where joints are driven by effort or a base floats, or None.
+
+    By default that of a robot that walks is half as long as its feet stand and swing: with each
+    touch-down what is a little wrong grows, and a step too early or late makes a replay jump.
 
     Raises:
         InputError: it is too short, or a robot remembers more than it would be given.
@@ -433,6 +458,9 @@ def _window(
     )
     if not windowed:
         return None
+    if window is None:
+        least = max(_SHORTEST_WINDOW, *map(shortest_window, recordings))
+        window = max(least, min(WINDOW, 0.5 * phase))
     check_window(window, recordings)
     for robot, experiment in zip(robots, experiments, strict=True):
         check_memory(robot, experiment.recordings)

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from walkerkit.gap.workflow import OneOrMoreEffects
 
 SCHEMA = 1
-WINDOW = 0.5  # s, as `diagnose` has it
 JSON, REPORT = "fleet.json", "fleet.html"
 KIND = "fleet"
 
@@ -88,7 +87,7 @@ def diagnose_fleet(
     engine: str = PROCESSES,
     address: str | None = None,
     workers: int | None = None,
-    window: float = WINDOW,
+    window: float | None = None,
     effects: OneOrMoreEffects | None = None,
     n_threads: int = 1,
     allow_code: bool = False,
@@ -154,7 +153,7 @@ def _write(fleet: Fleet, out: Path, *, title: str, overwrite: bool) -> None:
 
 def _jobs(
     members: Sequence[Member],
-    window: float,
+    window: float | None,
     effects: tuple[str | Effect, ...] | None,
     n_threads: int,
     *,

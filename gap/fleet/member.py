@@ -30,7 +30,7 @@ class Job:
     """
 
     member: Member
-    window: float
+    window: float | None
     effects: tuple[str | Effect, ...] | None
     n_threads: int
     allow_code: bool

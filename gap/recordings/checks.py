@@ -61,18 +61,25 @@ def check_recordings(recordings: Sequence[Recording]) -> None:
         )
 
 
-def check_seconds(window: float) -> None:
-    """Refuses a window that is no positive number of seconds.
+def check_seconds(window: float | None) -> None:
+    """Refuses a window that is no positive number of seconds, where one is given.
 
     Raises:
         InputError: it is none.
     """
+    if window is None:
+        return
     number = isinstance(window, int | float | np.integer | np.floating)
     if not number or not window > 0:
         raise InputError(
             f"window is {f'{window} s' if number else repr(window)}; give a positive number of "
             "seconds."
         )
+
+
+def shortest_window(recording: Recording) -> float:
+    """The shortest window in which a recording has enough samples [s]."""
+    return float(_FEWEST_IN_WINDOW / recording.rate)
 
 
 def check_window(window: float, recordings: Sequence[Recording]) -> None:
@@ -82,7 +89,7 @@ def check_window(window: float, recordings: Sequence[Recording]) -> None:
         InputError: the window is shorter than a few samples.
     """
     for recording in recordings:
-        least = _FEWEST_IN_WINDOW / recording.rate
+        least = shortest_window(recording)
         if window < least * (1 - 1e-6):
             raise InputError(
                 f"window is {window:g} s, less than {_FEWEST_IN_WINDOW} samples of "

@@ -75,6 +75,7 @@ class Objective:
         n_threads: threads of the simulation, 0 for all cores.
         free_starts: segments start from a state that is only as good as its measurement; residuals
             are freed of its error, too, which `refine` finds.
+        jumps: what touches down or slips a step earlier or later makes residuals jump.
         recent: where what was simulated is kept for a while, of its own by default.
 
     Attributes:
@@ -89,6 +90,7 @@ class Objective:
         *,
         n_threads: int = 1,
         free_starts: bool = False,
+        jumps: bool = False,
         recent: Recent | None = None,
     ):
         self.replays = tuple(replays)
@@ -96,6 +98,7 @@ class Objective:
         self._owner = object()  # of what is kept there, also by those that are `apart`
         self.n_threads = n_threads
         self._free_starts = free_starts
+        self.jumps = jumps
         self.channels = tuple(scored)
         self.floor = np.maximum(floor, _LEAST_FLOOR)
         self._columns = [replays[0].channels.index(channel) for channel in scored]
@@ -193,7 +196,9 @@ class Objective:
             masks.append(which[replay.segment_of_row])
         if all(mask.all() for mask in masks):
             return None
-        part = Objective(parts, self.channels, self.floor, n_threads=self.n_threads)
+        part = Objective(
+            parts, self.channels, self.floor, n_threads=self.n_threads, jumps=self.jumps
+        )
         return part, np.concatenate(masks)
 
     def _started(self, case: Case) -> Case | None:

@@ -21,6 +21,7 @@ from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
 from walkerkit.gap.search.fit import evaluate, polish, polished
 from walkerkit.gap.search.like_joints import Tied
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import reduced
 from walkerkit.gap.search.settle import settled
@@ -114,7 +115,8 @@ def _alike(
     """(n_parameters,) values of a fit of everything to a part, like joints alike.
 
     The better of two: one begins where the plain fit ends, which may stand in for the others, one
-    at nothing. The plain fit is the first answer.
+    at nothing. The plain fit is the first answer. What feet touch down on is tried at several
+    sizes, as slopes tell little of it from afar.
     """
     part = problem.screen
 
@@ -135,8 +137,31 @@ def _alike(
     part.refine(plain)
     values = carried(plain.values, plain.structure, everywhere.structure)
     more = Tied(everywhere.structure.terms, everywhere.structure.robots, few.kinds)
-    starts = [more.start(replace(everywhere, values=own)) for own in (values, everywhere.values)]
+    starts = [
+        more.start(_on_better_ground(part.objective, replace(everywhere, values=own)))
+        for own in (values, everywhere.values)
+    ]
     return more.apart(improved(starts, _STEPS)).values
+
+
+def _on_better_ground(objective: Objective, one: Fit) -> Fit:
+    """A start, or where the ground is that of the trial sizes on which it leaves least."""
+    structure = one.structure
+    for term in structure.terms:
+        if term.effect.part != "ground":
+            continue
+        columns = list(structure.columns(term))
+        sizes = zip(*(structure.slots[k].parameter.starts for k in columns), strict=True)
+        rows = [one.values, *(_with(one.values, columns, own) for own in sizes)]
+        fits = evaluate(objective, [(structure, row) for row in rows])
+        one = min(fits, key=lambda each: each.score)
+    return one
+
+
+def _with(values: FloatArray, columns: Sequence[int], own: Sequence[float]) -> FloatArray:
+    other = values.copy()
+    other[columns] = own
+    return other
 
 
 def _of_base_and_ground(problem: Problem, effects: Sequence[Effect]) -> list[Term]:

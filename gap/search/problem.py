@@ -138,7 +138,12 @@ class Problem:
     def _objective(self, replays: Sequence[Replay]) -> Objective:
         known = self.fit.objective
         return Objective(
-            replays, self.channels, known.floor, n_threads=self.n_threads, recent=known.recent
+            replays,
+            self.channels,
+            known.floor,
+            n_threads=self.n_threads,
+            jumps=known.jumps,
+            recent=known.recent,
         )
 
     def as_told(self, explained: Fit) -> Problem:
@@ -241,6 +246,7 @@ def build(
     held_out: Sequence[Sequence[Recording]],
     *,
     window: float | None,
+    walks: bool = False,
     hold: Hold,
     n_threads: int,
 ) -> Problem:
@@ -251,13 +257,16 @@ def build(
         fitted: recordings of each robot that are fitted; a robot may have none.
         held_out: recordings of each robot that are held out; a robot may have none.
         window: seconds after which replays restart, or None for whole rollouts.
+        walks: feet lift off and touch down.
         hold: what the targets are between their samples.
         n_threads: threads of the simulation, 0 for all cores.
 
     Returns:
         The problem.
     """
-    making = _Making(robots, fitted, held_out, window=window, hold=hold, n_threads=n_threads)
+    making = _Making(
+        robots, fitted, held_out, window=window, walks=walks, hold=hold, n_threads=n_threads
+    )
     fit, parts = making.fitted(), Latest(_MOST_PARTS)
 
     def part(most: int, stretch: float, gaps: Gaps, longer: int) -> Half:
@@ -287,7 +296,7 @@ class _Making:
     """Makes halves of the recordings of some robots.
 
     Args:
-        robots, fitted, held_out, window, hold, n_threads: as for `build`.
+        robots, fitted, held_out, window, walks, hold, n_threads: as for `build`.
 
     Attributes:
         robots: the robots, with how far their joints went in what is fitted.
@@ -304,11 +313,13 @@ class _Making:
         held_out: Sequence[Sequence[Recording]],
         *,
         window: float | None,
+        walks: bool,
         hold: Hold,
         n_threads: int,
     ):
         self._given, self._fitted = robots, fitted
         self._window, self._hold, self._n_threads = window, hold, n_threads
+        self._walks = walks
         everything = [r for group in (*fitted, *held_out) for r in group]
         self.joints = tuple(dict.fromkeys(joint for r in everything for joint in r.joints))
         self._channels = tuple(
@@ -463,6 +474,7 @@ class _Making:
             # The state of a floating base has so many numbers that what each changes would take
             # too long.
             free_starts=self._window is not None and not self._on_feet,
+            jumps=self._walks,
             recent=self._recent,
         )
 

@@ -47,7 +47,7 @@ FloatArray = NDArray[np.float64]
 Predicting = Generator[Asked | Commanded, Any, FloatArray]
 
 _WARM = 0.15  # s of the measured past that laws see
-_CHUNK_BYTES = 2**28
+_CHUNK_BYTES = 2**25
 _MOST_REBUILT = 24  # robots kept for variants that need another compilation
 _Known = tuple[FloatArray, FloatArray, tuple[list[int], list[int]]]
 """Positions and velocities of some coordinates, (n, n_segments, n_known), and their addresses."""

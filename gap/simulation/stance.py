@@ -72,7 +72,7 @@ def standing(
         pushing: (T, 3) what an accelerometer at the base's origin reads [m/s²].
         legs: where the feet are.
     """
-    logged = [_logged(recording, foot) for foot in feet]
+    logged = [logged_stance(recording, foot) for foot in feet]
     source: Source = "logged"
     if any(one is None for one in logged):
         efforts = _carried(robot, base, recording, feet, states, rotation, pushing)
@@ -83,7 +83,7 @@ def standing(
             guessed = uniform_filter1d(efforts, rows, axis=0) > _CARRIES * share
         else:
             source = "heights"
-            guessed = _as_low_as_the_lowest(rotation, legs, len(feet))
+            guessed = as_low_as_the_lowest(-rotation[:, 2], legs, len(feet))
         logged = [guessed[:, f] if one is None else one for f, one in enumerate(logged)]
     stands = np.stack([one for one in logged if one is not None], axis=1)
     sure = 2 * max(1, round(_SURE * recording.rate)) + 1
@@ -105,7 +105,7 @@ def logged_names(recording: Recording, feet: Sequence[Foot]) -> dict[str, str]:
     return found
 
 
-def _logged(recording: Recording, foot: Foot) -> Bools | None:
+def logged_stance(recording: Recording, foot: Foot) -> Bools | None:
     """(T,) whether a foot's sensor says that it stands, None where it has none."""
     column = logged_names(recording, [foot]).get(foot.name)
     if column is None:
@@ -191,9 +191,14 @@ def _chain(robot: Robot, foot: Foot, recording: Recording) -> list[int]:
     ]
 
 
-def _as_low_as_the_lowest(rotation: FloatArray, legs: Legs, count: int) -> Bools:
-    """(T, n_feet) whether a foot's lowest point is about as low as that of any."""
-    down = -rotation[:, 2]
+def as_low_as_the_lowest(down: FloatArray, legs: Legs, count: int) -> Bools:
+    """(T, n_feet) whether a foot's lowest point is about as low as that of any.
+
+    Args:
+        down: (T, 3) unit vectors of the base's frame.
+        legs: where the feet are.
+        count: how many there are.
+    """
     depth = np.stack(
         [np.einsum("ti,ti->t", legs.point(f, down), down) for f in range(count)], axis=1
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.base_state import errors, trot
+from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.recordings.imu import ACCELERATION, GYRO
 from walkerkit.gap.recordings.recording import BASE
 from walkerkit.gap.recordings.segments import windows
@@ -14,9 +15,12 @@ from walkerkit.gap.recordings.state import with_more_noise
 from walkerkit.gap.simulated_unit import Unit
 from walkerkit.gap.simulation.base_estimate import with_known_base
 from walkerkit.gap.simulation.channel import Channel, base_channels
+from walkerkit.gap.simulation.feet import find_feet
 from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.load_robot import load_robot
+from walkerkit.gap.simulation.phases import phases_of, typical
 from walkerkit.gap.simulation.replay import Replay, as_they_are
+from walkerkit.gap.workflow import prepare
 from walkerkit.walkers.gait import Trot
 
 
@@ -109,3 +113,40 @@ def test_a_unit_reads_what_mujoco_s_sensors_read():
 def test_what_to_log_of_a_base_is_one_of_three():
     with pytest.raises(ValueError, match=r"base is 'imuu'.*'pose', 'imu' or 'both'"):
         trot(Trot(), 0.1, base="imuu")
+
+
+def test_the_typical_phase_is_half_a_stride_of_a_trot_by_postures_and_by_foot_sensors(log, robot):
+    known = suited(robot, log)
+    half = 0.5 / Trot().frequency
+    low = typical(phases_of(robot, known))
+    assert low == pytest.approx(half, rel=0.35)
+    feet = find_feet(robot.model, robot.base)
+    swing = np.sin(2 * np.pi * known.time / 0.8) > 0
+    sensors = {
+        f"{foot.name}/contact": (swing ^ (k % 2)).astype(float) for k, foot in enumerate(feet)
+    }
+    told = replace(known, columns={**known.columns, **sensors})
+    assert typical(phases_of(robot, told)) == pytest.approx(0.4, abs=0.02)
+
+
+def test_a_robot_whose_feet_stay_down_has_one_phase_as_long_as_its_log(log, robot):
+    known = suited(robot, log)
+    still = {name: np.full_like(values, values[0]) for name, values in known.columns.items()}
+    whole = known.time[-1] - known.time[0]
+    assert typical(phases_of(robot, replace(known, columns=still))) == pytest.approx(
+        whole, rel=0.02
+    )
+    assert typical(phases_of(replace(robot, base=None), known)) == np.inf
+
+
+def test_replays_of_a_robot_that_walks_restart_before_the_next_foot_lands(log):
+    def window(**given):
+        setup = prepare(
+            load_experiments("benchmarks.base_state:quadruped", [log]), n_threads=1, **given
+        )
+        return setup.window, setup.walks
+
+    length, walks = window(window=None)
+    assert walks
+    assert length == pytest.approx(0.25 / Trot().frequency, rel=0.35)
+    assert window(window=0.4) == (0.4, True)

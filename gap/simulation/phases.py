@@ -1,0 +1,63 @@
+"""How long the feet of a robot that walks stand and swing, by its log.
+
+phases = phases_of(robot, recording)        # (n,) s; none where no foot lifts
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from walkerkit.gap.recordings.base_state import quaternions
+from walkerkit.gap.recordings.recording import QUATERNION, Recording
+from walkerkit.gap.simulation.feet import Legs, find_feet
+from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.simulation.stance import as_low_as_the_lowest, logged_stance
+from walkerkit.gap.simulation.start import rest
+
+FloatArray = NDArray[np.float64]
+
+_RATE: Final = 100.0  # Hz, at which feet are looked at
+
+
+def phases_of(robot: Robot, recording: Recording) -> FloatArray:
+    """How long each time that a foot stood or swung lasted, to the ends of the log.
+
+    By foot sensors where the log has them, else by how low each foot is in the measured posture.
+
+    Args:
+        robot: the robot.
+        recording: a log with the pose of its base, measured or estimated.
+
+    Returns:
+        (n,) durations [s]; none of a robot that does not float.
+    """
+    feet = find_feet(robot.model, robot.base)
+    if robot.base is None or not feet or any(name not in recording.columns for name in QUATERNION):
+        return np.empty(0)
+    rows = np.arange(0, len(recording.time), max(1, round(recording.rate / _RATE)))
+    logged = [logged_stance(recording, foot) for foot in feet]
+    stands = [one[rows] for one in logged if one is not None]
+    if len(stands) < len(feet):
+        w, x, y, z = quaternions(recording)[rows].T
+        down = -np.stack(
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1
+        )
+        qpos = np.tile(rest(robot.model).qpos, (len(rows), 1))
+        for name in recording.joints:
+            qpos[:, robot.joints[name].qpos] = recording.columns[f"{name}/position"][rows]
+        still = np.zeros((len(rows), robot.model.nv))
+        legs = Legs(robot.model, robot.base, feet, qpos, still, still[0])
+        stands = list(as_low_as_the_lowest(down, legs, len(feet)).T)
+    edges = [np.r_[0, np.flatnonzero(np.diff(one)) + 1, len(rows) - 1] for one in stands]
+    return np.concatenate([np.diff(recording.time[rows][each]) for each in edges])
+
+
+def typical(phases: FloatArray) -> float:
+    """The phase that half of all instants are in one as long as, or a longer one [s]."""
+    if not phases.size:
+        return np.inf
+    longest = np.sort(phases)[::-1]
+    return float(longest[np.searchsorted(np.cumsum(longest), 0.5 * longest.sum())])
