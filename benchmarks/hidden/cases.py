@@ -38,6 +38,8 @@ ORDINARY: Final = (*NUISANCES, "position_gain", "velocity_gain", "command_delay"
 """Effects of which every model of a real robot has some."""
 CLUTTER: Final = (*ORDINARY, "presliding_friction")
 """What a cluttered robot has beside the hidden effect; see `benchmarks.hidden.clutter`."""
+GROUND: Final = ("ground_compliance",)
+"""What a robot that walks has beside it: feet land on springs, which no contact of the model is."""
 
 _LATER = (
     "supply_voltage",
@@ -99,6 +101,12 @@ class Case:
     def seed(self) -> int:
         """Of everything that is drawn for it."""
         return zlib.crc32(self.name.encode())
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """Names of what is otherwise than in the model beside what is hidden."""
+        off = {"nuisance": NUISANCES, "clutter": CLUTTER}.get(self.off, ())
+        return (*off, *GROUND) if self.rig == "trotting_quadruped" else off
 
     @property
     def robot(self) -> int | None:

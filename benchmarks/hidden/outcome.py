@@ -71,6 +71,7 @@ class Outcome:
         case: its name.
         tier: its tier.
         off: what else was not as in the model.
+        beside: effects that the robot has beside what is hidden, neither right nor wrong.
         verdict: as stated; `failed` where the workflow raised an error, `impossible` where the case
             could not be made.
         hidden: the truth.
@@ -92,6 +93,7 @@ class Outcome:
     oracle: float | None = None
     seconds: float = 0.0
     error: str = ""
+    beside: tuple[str, ...] = ()
 
     def to_json(self) -> str:
         """One line."""
@@ -117,4 +119,5 @@ class Outcome:
             )
             for n in data["named"]
         )
+        data["beside"] = tuple(data.get("beside", ()))
         return cls(**data)

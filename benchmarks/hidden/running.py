@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -82,7 +82,7 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
         oracle = None
         told = case.off != "clutter"  # there the structure is more than what is hidden
         if told and hidden and all(one.effect in known for one in hidden):
-            oracle = _oracle(model, seen, hidden)
+            oracle = _oracle(model, seen, hidden, case.beside)
     except (ValueError, RuntimeError, ArithmeticError, LookupError) as error:
         # One failure must not lose the other cases; it counts as a wrong answer.
         seconds = time.perf_counter() - start
@@ -92,6 +92,7 @@ def _run(case: Case, folder: Path, known: Sequence[str], shorter: float) -> Outc
         case=case.name,
         tier=case.tier,
         off=case.off,
+        beside=case.beside,
         verdict=found.verdict,
         hidden=truths,
         named=tuple(
@@ -111,6 +112,7 @@ def without_answer(case: Case, verdict: str, why: str) -> Outcome:
         case=case.name,
         tier=case.tier,
         off=case.off,
+        beside=case.beside,
         verdict=verdict,
         hidden=(),
         named=(),
@@ -213,10 +215,14 @@ def _with(recording: Recording, signals: Sequence[str]) -> Recording:
 
 
 def _oracle(
-    model: Path, recordings: Sequence[Recording], hidden: Sequence[HiddenEffect]
+    model: Path,
+    recordings: Sequence[Recording],
+    hidden: Sequence[HiddenEffect],
+    beside: Sequence[str],
 ) -> float | None:
     """The held-out gap of a fit that is told the structure; None where it cannot be fitted."""
-    structure = {one.effect: one.places or EVERYWHERE for one in hidden}
+    structure: dict[str, Any] = dict.fromkeys(beside, EVERYWHERE)
+    structure |= {one.effect: one.places or EVERYWHERE for one in hidden}
     structure = {
         name: EVERYWHERE if tuple(where) == (EVERYWHERE,) else where
         for name, where in structure.items()

@@ -7,15 +7,13 @@ as one name. A verdict about several effects is right only as a whole.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-from benchmarks.hidden.cases import CLUTTER, NUISANCES
 from benchmarks.hidden.outcome import Hidden, Named, Outcome
 
 CONFIDENT = 0.9
 """From where on a name is stated for sure."""
-_OFF = {"nuisance": NUISANCES, "clutter": CLUTTER}  # names that are right of a robot that is off
 _Z = 1.96  # standard errors to either side of a 95 % interval
 
 
@@ -60,29 +58,29 @@ def place_right(outcome: Outcome) -> bool:
     return set(found.places) == set(truth.places)
 
 
-def aside(outcome: Outcome, names: Collection[str]) -> Outcome:
-    """The outcome without some of the names, but for those that are hidden."""
+def aside(outcome: Outcome) -> Outcome:
+    """The outcome without the names of what is beside what is hidden."""
     left = tuple(
         named
         for named in outcome.named
-        if named.effect not in names or any(same(h, named) for h in outcome.hidden)
+        if named.effect not in outcome.beside or any(same(h, named) for h in outcome.hidden)
     )
     return replace(outcome, named=left)
 
 
 def rare_first(outcome: Outcome) -> bool:
-    """Whether of the names that are not the clutter's the hidden effect is first."""
-    return first_right(aside(outcome, CLUTTER))
+    """Whether of the names that are not those of what is beside it the hidden effect is first."""
+    return first_right(aside(outcome))
 
 
 def rare_place(outcome: Outcome) -> bool:
-    """As `place_right`, of the first name that is not the clutter's."""
-    return place_right(aside(outcome, CLUTTER))
+    """As `place_right`, of the first name that is none of what is beside it."""
+    return place_right(aside(outcome))
 
 
 def rare_and_wrong(outcome: Outcome) -> bool:
-    """Whether a name that is not the clutter's is stated for sure, and wrong."""
-    return confidently_wrong(aside(outcome, CLUTTER))
+    """Whether a name that is none of what is beside it is stated for sure, and wrong."""
+    return confidently_wrong(aside(outcome))
 
 
 def all_named(outcome: Outcome) -> bool:
@@ -96,9 +94,8 @@ def all_in_sets(outcome: Outcome) -> bool:
 
 
 def false_alarm(outcome: Outcome) -> bool:
-    """Whether an effect is named where there is none, nuisances aside where these are off."""
-    allowed = _OFF.get(outcome.off, ())
-    return any(named.effect not in allowed for named in outcome.named)
+    """Whether an effect is named where there is none."""
+    return any(named.effect not in outcome.beside for named in outcome.named)
 
 
 def admits(outcome: Outcome) -> bool:
@@ -115,12 +112,12 @@ def confidently_wrong(outcome: Outcome) -> bool:
 
 
 def stated(outcomes: Iterable[Outcome]) -> list[bool]:
-    """Of all names that are stated for sure, whether each is right; what is off is no name."""
+    """Of all names that are stated for sure, whether each is right; what is beside is no name."""
     return [
         any(same(h, named) for h in outcome.hidden)
         for outcome in outcomes
         for named in outcome.named
-        if named.confidence >= CONFIDENT and named.effect not in _OFF.get(outcome.off, ())
+        if named.confidence >= CONFIDENT and named.effect not in outcome.beside
     ]
 
 

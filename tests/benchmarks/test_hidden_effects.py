@@ -1,12 +1,24 @@
 """A slice of the benchmark: short experiments on one joint, and a catalogue of a few effects."""
 
+from dataclasses import replace
+
 import pytest
 
 from benchmarks import hidden_effects
 from benchmarks.hidden.cases import NUISANCES, Case, cases
-from benchmarks.hidden.outcome import Outcome
+from benchmarks.hidden.outcome import Hidden, Named, Outcome
 from benchmarks.hidden.running import run_case
-from benchmarks.hidden.scoring import admits, covered, false_alarm, first_right, place_right, ratios
+from benchmarks.hidden.scoring import (
+    admits,
+    covered,
+    false_alarm,
+    first_right,
+    place_right,
+    rare_and_wrong,
+    rare_first,
+    rare_place,
+    ratios,
+)
 
 FEW = ("viscous_friction", "torque_bias", "command_delay")
 TIMESTEP = ("timestep", *NUISANCES)
@@ -63,3 +75,28 @@ def test_another_integrator_does_not_stand_in_for_a_drive_that_is_a_little_off()
     case = cases("nothing", draw=1)[1]
     assert (case.off, case.channels) == ("nuisance", "q")
     assert "timestep" not in {named.effect for named in run_case(case, effects=TIMESTEP).named}
+
+
+def test_the_ground_that_a_walking_robot_lands_on_is_neither_right_nor_wrong():
+    def named(effect):
+        return Named(effect=effect, places=("FL_hip",), confidence=1.0, doubt=(), alike=())
+
+    case = cases("trotting")[0]
+    hidden = Hidden(effect="armature", places=("FL_hip",), alike=(), text="")
+    outcome = Outcome(
+        case=case.name,
+        tier=case.tier,
+        off="",
+        verdict="explained",
+        hidden=(hidden,),
+        named=(named("ground_compliance"), named("armature")),
+        beside=case.beside,
+    )
+    assert rare_first(outcome)
+    assert rare_place(outcome)
+    assert not rare_and_wrong(outcome)
+    assert not false_alarm(replace(outcome, hidden=(), named=outcome.named[:1]))
+    # Where it is hidden it has to come first as any other.
+    softer = replace(hidden, effect="ground_compliance")
+    assert rare_first(replace(outcome, hidden=(softer,)))
+    assert not rare_first(replace(outcome, hidden=(softer,), named=outcome.named[1:]))
