@@ -55,6 +55,8 @@ class Parameter:
         unit: SI unit, `rad` and `N·m` for a hinge.
         zero: the value at which the robot is unchanged.
         lower, upper: bounds of the fit; a value at one of them is not an estimate.
+        end: one of these that is the simulation's own, past which nothing changes, so that a value
+            there is an estimate; else None.
         scale: a typical size; the fit works in units of it.
         starts: magnitudes at which the effect is tried before fitting. Several, since a small step
             says nothing about limits and dead zones.
@@ -77,6 +79,7 @@ class Parameter:
     inverse: tuple[str, str] | tuple[()] = ()
     prior: float = 0.0
     shape: bool = False
+    end: float | None = None
 
     @property
     def is_delay(self) -> bool:
@@ -85,7 +88,14 @@ class Parameter:
 
     def __post_init__(self) -> None:
         inside = all(self.lower <= value <= self.upper for value in (self.zero, *self.starts))
-        if not (inside and self.lower < self.upper and self.scale > 0 and self.starts):
+        ends = (None, self.lower, self.upper)
+        if not (
+            inside
+            and self.lower < self.upper
+            and self.scale > 0
+            and self.starts
+            and self.end in ends
+        ):
             raise ValueError(f"parameter {self.name!r} contradicts itself: {self}")
         if not self.prior:
             plausible = max(self.scale, *(abs(start - self.zero) for start in self.starts))

@@ -165,8 +165,9 @@ class GroundCompliance(GroundEffect):
             Parameter(
                 name="timeconst",
                 unit="s",
-                lower=-0.9 * room,
+                lower=-room,
                 upper=max(_SOFTEST, 10 * least),
+                end=-room,  # as hard as steps of this length allow
                 scale=_COARSE * least,
                 starts=slower,
             ),

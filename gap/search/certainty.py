@@ -125,10 +125,12 @@ def sensitivity(one: Fit, normal: FloatArray) -> FloatArray:
 
 
 def at_bound(one: Fit) -> NDArray[np.bool_]:
-    """(n_parameters,) whether each value ran into a bound."""
+    """(n_parameters,) whether each value ran into a bound that is no end of its own."""
     lower, upper = one.structure.bounds
-    nearest = np.minimum(one.values - lower, upper - one.values)
-    at: NDArray[np.bool_] = nearest <= _AT_BOUND * (upper - lower)
+    ends = np.array([slot.parameter.end for slot in one.structure.slots], dtype=float)
+    below, above = one.values - lower, upper - one.values
+    below[ends == lower], above[ends == upper] = np.inf, np.inf
+    at: NDArray[np.bool_] = np.minimum(below, above) <= _AT_BOUND * (upper - lower)
     return at
 
 

@@ -225,6 +225,7 @@ def _common(same: Sequence[Parameter]) -> Parameter:
         lower=lower,
         upper=upper,
         starts=tuple(inside(start) for start in first.starts),
+        end=next((end for end in (lower, upper) if end in {p.end for p in same}), None),
     )
 
 
