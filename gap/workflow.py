@@ -63,7 +63,7 @@ from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_e
 from walkerkit.gap.simulation.floating import suited
 from walkerkit.gap.simulation.load_robot import load_robot
 from walkerkit.gap.simulation.mend import mend
-from walkerkit.gap.simulation.phases import phases_of, typical
+from walkerkit.gap.simulation.phases import phases_of
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.sidecar import with_sidecar
 from walkerkit.gap.simulation.size import check_size
@@ -433,7 +433,8 @@ def _phase(robots: Sequence[Robot], experiments: Sequence[Experiment]) -> float:
         for robot, mine in zip(robots, fitted, strict=True)
         for recording in mine
     ]
-    return typical(np.concatenate([*found, np.empty(0)]))
+    phases = np.concatenate([*found, np.empty(0)])
+    return float(np.median(phases)) if phases.size else np.inf
 
 
 def _window(

@@ -7,7 +7,7 @@ as one name. A verdict about several effects is right only as a whole.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 
 from benchmarks.hidden.outcome import Hidden, Named, Outcome
@@ -58,29 +58,29 @@ def place_right(outcome: Outcome) -> bool:
     return set(found.places) == set(truth.places)
 
 
-def aside(outcome: Outcome) -> Outcome:
-    """The outcome without the names of what is beside what is hidden."""
+def aside(outcome: Outcome, names: Collection[str]) -> Outcome:
+    """The outcome without some of the names, but for those that are hidden."""
     left = tuple(
         named
         for named in outcome.named
-        if named.effect not in outcome.beside or any(same(h, named) for h in outcome.hidden)
+        if named.effect not in names or any(same(h, named) for h in outcome.hidden)
     )
     return replace(outcome, named=left)
 
 
 def rare_first(outcome: Outcome) -> bool:
     """Whether of the names that are not those of what is beside it the hidden effect is first."""
-    return first_right(aside(outcome))
+    return first_right(aside(outcome, outcome.beside))
 
 
 def rare_place(outcome: Outcome) -> bool:
     """As `place_right`, of the first name that is none of what is beside it."""
-    return place_right(aside(outcome))
+    return place_right(aside(outcome, outcome.beside))
 
 
 def rare_and_wrong(outcome: Outcome) -> bool:
     """Whether a name that is none of what is beside it is stated for sure, and wrong."""
-    return confidently_wrong(aside(outcome))
+    return confidently_wrong(aside(outcome, outcome.beside))
 
 
 def all_named(outcome: Outcome) -> bool:

@@ -23,7 +23,7 @@ _RATE: Final = 100.0  # Hz, at which feet are looked at
 
 
 def phases_of(robot: Robot, recording: Recording) -> FloatArray:
-    """How long each time that a foot stood or swung lasted, to the ends of the log.
+    """How long the phases last, standing or swinging, that the feet are in at many instants.
 
     By foot sensors where the log has them, else by how low each foot is in the measured posture.
 
@@ -32,7 +32,8 @@ def phases_of(robot: Robot, recording: Recording) -> FloatArray:
         recording: a log with the pose of its base, measured or estimated.
 
     Returns:
-        (n,) durations [s]; none of a robot that does not float.
+        (n,) durations [s], without bound where a foot does the same in all of the log; none of a
+        robot that does not float.
     """
     feet = find_feet(robot.model, robot.base)
     if robot.base is None or not feet or any(name not in recording.columns for name in QUATERNION):
@@ -51,13 +52,13 @@ def phases_of(robot: Robot, recording: Recording) -> FloatArray:
         still = np.zeros((len(rows), robot.model.nv))
         legs = Legs(robot.model, robot.base, feet, qpos, still, still[0])
         stands = list(as_low_as_the_lowest(down, legs, len(feet)).T)
-    edges = [np.r_[0, np.flatnonzero(np.diff(one)) + 1, len(rows) - 1] for one in stands]
-    return np.concatenate([np.diff(recording.time[rows][each]) for each in edges])
+    return np.concatenate([_durations(one, recording.time[rows]) for one in stands])
 
 
-def typical(phases: FloatArray) -> float:
-    """The phase that half of all instants are in one as long as, or a longer one [s]."""
-    if not phases.size:
-        return np.inf
-    longest = np.sort(phases)[::-1]
-    return float(longest[np.searchsorted(np.cumsum(longest), 0.5 * longest.sum())])
+def _durations(stands: NDArray[np.bool_], time: FloatArray) -> FloatArray:
+    changes = np.flatnonzero(np.diff(stands)) + 1
+    if not changes.size:
+        return np.full(len(time), np.inf)
+    edges = np.r_[0, changes, len(time) - 1]
+    counts = np.diff(np.r_[0, changes, len(time)])
+    return np.repeat(np.diff(time[edges]), counts)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -106,25 +105,23 @@ def simulated(
         What the variants did, of each log.
     """
     channels = [Channel(joint=name, signal="position") for name in robot.joints]
-    waiting: list[tuple[int, NDArray[np.intp], Any, Any]] = []
+    ready: list[tuple[int, int, Asked]] = []
     for k, log in enumerate(logs):
-        for rows, part in Replay(robot, whole(log), channels, n_threads=n_threads).predicting(
-            trials
-        ):
-            waiting.append((k, rows, part, next(part)))
-    ready: list[tuple[int, NDArray[np.intp], Asked]] = []
-    for k, rows, part, asked in waiting:
-        while not isinstance(asked, Asked):
-            asked = part.send(controlled([asked])[0])
-        part.close()
-        ready.append((k, rows, replace(asked, record=_RECORDS)))
+        replay = Replay(robot, whole(log), channels, n_threads=n_threads)
+        for row in range(trials.n):  # of one alone a replay asks in one piece, however long it is
+            ((_, part),) = replay.predicting(trials.rows(np.array([row])))
+            asked = next(part)
+            while not isinstance(asked, Asked):
+                asked = part.send(controlled([asked])[0])
+            part.close()
+            ready.append((k, row, replace(asked, record=_RECORDS)))
     rollouts = together([asked for _, _, asked in ready], n_threads)
     found: list[dict[str, FloatArray]] = [{} for _ in logs]
-    for (k, rows, _), (rollout, _) in zip(ready, rollouts, strict=True):
+    for (k, row, _), (rollout, _) in zip(ready, rollouts, strict=True):
         for name, values in rollout.records.items():
             if name not in found[k]:
                 found[k][name] = np.full((trials.n, *values.shape[1:]), np.nan)
-            found[k][name][rows] = values
+            found[k][name][row] = values[0]
     return [_read(robot.model, base, one) for one in found]
 
 

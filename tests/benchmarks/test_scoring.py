@@ -3,6 +3,7 @@ import dataclasses
 import pytest
 
 from benchmarks.hidden import scoring
+from benchmarks.hidden.cases import CLUTTER, NUISANCES
 from benchmarks.hidden.outcome import Hidden, Named, Outcome, Value
 from benchmarks.hidden.table import line, rows
 
@@ -107,10 +108,12 @@ class TestHonesty:
     def test_any_name_is_a_false_alarm_but_for_what_is_off(self):
         assert scoring.false_alarm(outcome([], [named()]))
         assert not scoring.false_alarm(outcome([], []))
-        assert not scoring.false_alarm(outcome([], [named("viscous_friction")], off="nuisance"))
+        assert not scoring.false_alarm(
+            outcome([], [named("viscous_friction")], off="nuisance", beside=NUISANCES)
+        )
         assert scoring.false_alarm(outcome([], [named("viscous_friction")], off="timestep"))
         assert scoring.false_alarm(
-            outcome([], [named("armature"), named("payload")], off="nuisance")
+            outcome([], [named("armature"), named("payload")], off="nuisance", beside=NUISANCES)
         )
 
     def test_what_is_left_is_admitted(self):
@@ -128,7 +131,7 @@ class TestHonesty:
     def test_sure_names_are_right_or_wrong_one_by_one(self):
         some = [
             outcome([hidden()], [named(), named("payload"), named("armature", confidence=0.5)]),
-            outcome([], [named("armature"), named("payload")], off="nuisance"),
+            outcome([], [named("armature"), named("payload")], off="nuisance", beside=NUISANCES),
         ]
         assert scoring.stated(some) == [True, False, False]
 
@@ -187,7 +190,7 @@ class TestCluttered:
     TRUTH = (hidden("base_tilt", places=("calf", "hip")),)
 
     def of(self, *said):
-        return outcome(self.TRUTH, said, tier="cluttered", off="clutter")
+        return outcome(self.TRUTH, said, tier="cluttered", off="clutter", beside=CLUTTER)
 
     def test_what_is_ordinary_comes_before_nothing_and_is_no_wrong_name(self):
         told = self.of(named("armature"), named("base_tilt", places=("calf", "hip")))
@@ -212,4 +215,6 @@ class TestCluttered:
     def test_an_ordinary_name_that_is_equivalent_to_the_hidden_one_is_no_clutter(self):
         truth = hidden("sensor_delay", alike=("command_delay",))
         said = named("command_delay", alike=("sensor_delay",))
-        assert scoring.rare_first(outcome([truth], [said], tier="cluttered", off="clutter"))
+        assert scoring.rare_first(
+            outcome([truth], [said], tier="cluttered", off="clutter", beside=CLUTTER)
+        )

@@ -176,7 +176,7 @@ def test_only_the_same_input_is_kept(robots: Path, here: Path, tmp_path: Path) -
     member = load_fleet(robots / "fleet.toml")[0]
 
     def job(**changes: Any) -> Job:
-        options = {"member": member, "window": 0.5, "effects": ("torque_bias",), "n_threads": 2}
+        options = {"member": member, "window": None, "effects": ("torque_bias",), "n_threads": 2}
         allowed = {"allow_code": False, "allow_outside": False}
         return Job(**{**options, **allowed, "folder": str(tmp_path), **changes})
 
