@@ -10,6 +10,8 @@ import pytest
 from tests.gap.effects.contract import EffectContract
 from tests.gap.effects.machine import AWKWARD, JOINTS, PLAIN, Machine, replay_of
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
+from walkerkit.gap.search.certainty import at_bound, ran_away
+from walkerkit.gap.search.structure import Fit, Structure, Term
 from walkerkit.gap.simulation.excursion import excursions
 from walkerkit.gap.simulation.ground_geoms import Ground
 from walkerkit.gap.simulation.load_robot import robot_from_spec
@@ -224,6 +226,19 @@ def test_a_foot_sinks_as_on_a_damped_spring():
     deepest = (1 - impedance) * 9.81 * constant**2
     expected = deepest * (1 - (1 + passed) * np.exp(-passed))
     np.testing.assert_allclose(depth, expected, atol=0.01 * deepest)
+
+
+def test_a_ground_as_hard_as_steps_allow_is_an_estimate_and_one_as_soft_as_may_be_is_none():
+    robot, _ = table_of(PLAIN, "", 0.8)
+    term = Term(effect=CATALOGUE["ground_compliance"], sites=(EVERYWHERE,))
+    structure = Structure((term,), (robot,))
+    lower, upper = structure.bounds
+    step = robot.model.opt.timestep
+    assert lower[0] == pytest.approx(2 * step - 0.02)  # MuJoCo takes no shorter time constant
+    for values, stopped in ((lower, [False, True]), (upper, [True, True])):
+        fit = Fit(structure=structure, values=values, score=0.0, mean_square=np.ones(1))
+        assert at_bound(fit).tolist() == stopped
+        assert ran_away(fit).tolist() == stopped
 
 
 def test_only_what_can_touch_the_ground_is_ground():
