@@ -97,6 +97,10 @@ class Book:
                 self._among |= {member.key for member in found}
         return one
 
+    def has(self, one: Fit) -> bool:
+        """Whether the table has a fit that was added."""
+        return any(member.fit is one for member in self._members)
+
     def fit_what_is_in_the_running(self, fitted: Callable[[Member], Fit]) -> None:
         """Has the structures that may be the best fitted by themselves, of which `best` then is.
 

@@ -120,16 +120,26 @@ def _out(one: Fit, unit: tuple[str, str]) -> FloatArray:
     return np.where(own, (structure.zero - one.values) / structure.scale, 0.0)
 
 
-def all_estimated(problem: Problem, found: Fit) -> Fit:
+def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
     """A fit without effects of which no number is known.
 
     What was known where wild blocks counted as the rest may be less so where they do not.
+
+    Args:
+        problem: what is to be explained.
+        found: the fit.
+        rare: only rare effects are left out, those first of which a number ran into its bound.
     """
-    while found.structure.terms:
+    while terms := found.structure.rare if rare else found.structure.terms:
         slopes = linearised(problem.fit.objective, found)
         errors = known_errors(problem, found, slopes)
-        columns = [(term, found.structure.columns(term)) for term in found.structure.terms]
-        known = [(term, errors[own].max()) for term, own in columns if len(own)]
+        stopped = ran_away(found) & rare
+        columns = [(term, found.structure.columns(term)) for term in terms]
+        known = [
+            (term, -1.0 if stopped[own].any() else errors[own].max())
+            for term, own in columns
+            if len(own)
+        ]
         unknown = [(term, error) for term, error in known if error < KNOWN]
         if not unknown:
             break

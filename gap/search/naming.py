@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
-from walkerkit.gap.search.by_itself import leaves_less, only_needed
+from walkerkit.gap.search.by_itself import all_estimated, leaves_less, only_needed
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
@@ -145,6 +145,8 @@ def begin(
         found = ground(problem, effects, nothing, effort.checked(progress), first)
         if found is not nothing:
             plain = book.add(found)
+            if not book.has(plain):  # what else was found with it need not go with it
+                plain = book.add(all_estimated(problem, plain, rare=True))
     effort.ground_is_done(on_feet=problem.on_feet)
     return Begun(book=book, nothing=nothing, plain=plain, searched=True)
 
