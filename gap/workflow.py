@@ -57,6 +57,7 @@ from walkerkit.gap.search.effort import Effort, Level, Progress, counted
 from walkerkit.gap.search.holds import name_with_best_hold
 from walkerkit.gap.search.naming import Explanation, name_effects
 from walkerkit.gap.search.problem import Problem, build, forgets
+from walkerkit.gap.search.starting_states import ALIKE
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.base_estimate import with_known_base
 from walkerkit.gap.simulation.commands import Hold, by_effort_alone, driven_by_effort
@@ -79,7 +80,6 @@ from walkerkit.walkers.batch import counted_warnings, without_warnings
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.5  # s
-_SHORTEST_WINDOW = 0.1  # s
 OneOrMoreEffects = str | Effect | type[Effect] | Sequence[str | Effect | type[Effect]]
 
 
@@ -393,8 +393,8 @@ def prepare(
         replace(experiment, recordings=tuple(_checked(robot, r) for r in experiment.recordings))
         for robot, experiment in zip(robots, experiments, strict=True)
     )
-    phase = _phase(robots, experiments)
-    restarts = _window(robots, experiments, recordings, window, phase)
+    usual = _usual_window(robots, experiments)
+    restarts = _window(robots, experiments, recordings, usual if window is None else window)
     experiments = rewired_experiments(robots, experiments, window=restarts, n_threads=n_threads)
     experiments = tuple(_rewired(robot, e) for robot, e in zip(robots, experiments, strict=True))
     fitted, held_out = split(experiments)
@@ -403,7 +403,7 @@ def prepare(
         fitted=fitted,
         held_out=held_out,
         window=restarts,
-        walks=0.5 * phase < WINDOW,
+        walks=usual < WINDOW,
         n_threads=n_threads,
         experiments=experiments,
     )
@@ -425,8 +425,12 @@ def _suiting(experiment: Experiment, *, allow_outside: bool) -> tuple[Robot, Exp
     return robot, replace(experiment, recordings=fitting)
 
 
-def _phase(robots: Sequence[Robot], experiments: Sequence[Experiment]) -> float:
-    """How long feet stand and swing in what is fitted [s]; without bound where none floats."""
+def _usual_window(robots: Sequence[Robot], experiments: Sequence[Experiment]) -> float:
+    """The window by default [s]; of a robot that walks half as long as its feet stand and swing.
+
+    With each touch-down what is a little wrong grows, and a step too early or late makes a replay
+    jump. But within a moment errors stay alike, and less tells nothing more.
+    """
     fitted, _ = split(experiments)
     found = [
         phases_of(robot, recording)
@@ -434,20 +438,19 @@ def _phase(robots: Sequence[Robot], experiments: Sequence[Experiment]) -> float:
         for recording in mine
     ]
     phases = np.concatenate([*found, np.empty(0)])
-    return float(np.median(phases)) if phases.size else np.inf
+    half = 0.5 * float(np.median(phases)) if phases.size else WINDOW
+    recordings = [r for experiment in experiments for r in experiment.recordings]
+    least = max(ALIKE, *map(shortest_window, recordings))
+    return max(least, min(WINDOW, half))
 
 
 def _window(
     robots: Sequence[Robot],
     experiments: Sequence[Experiment],
     recordings: Sequence[Recording],
-    window: float | None,
-    phase: float,
+    window: float,
 ) -> float | None:
     """The window where joints are driven by effort or a base floats, or None.
-
-    By default that of a robot that walks is half as long as its feet stand and swing: with each
-    touch-down what is a little wrong grows, and a step too early or late makes a replay jump.
 
     Raises:
         InputError: it is too short, or a robot remembers more than it would be given.
@@ -459,9 +462,6 @@ def _window(
     )
     if not windowed:
         return None
-    if window is None:
-        least = max(_SHORTEST_WINDOW, *map(shortest_window, recordings))
-        window = max(least, min(WINDOW, 0.5 * phase))
     check_window(window, recordings)
     for robot, experiment in zip(robots, experiments, strict=True):
         check_memory(robot, experiment.recordings)

@@ -19,7 +19,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members, ordinary
 from walkerkit.gap.search.score import Wildness
 from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes
-from walkerkit.gap.search.structure import Fit
+from walkerkit.gap.search.structure import Fit, Term
 
 FloatArray = NDArray[np.float64]
 
@@ -217,14 +217,18 @@ def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:
 
     Beside what the member needs: dry friction that it has no more cannot be what bristles carry.
     """
-    one, structure = member.fit, member.fit.structure
-    rare = structure.rare
-    stopped = ran_away(one)
-    columns = [structure.columns(term) for term in rare]
-    if any(stopped[own].any() for own in columns):
+    one, rare = member.fit, member.fit.structure.rare
+    if stopped_at_a_bound(one):
         return False
+    columns = [one.structure.columns(term) for term in rare]
     errors = known_errors(problem, one, slopes, member.kept) if rare else np.zeros(0)
     return all(errors[own].max() >= KNOWN for own in columns)
+
+
+def stopped_at_a_bound(one: Fit) -> list[Term]:
+    """The rare effects of a fit of which some number ran into its bound."""
+    stopped = ran_away(one)
+    return [t for t in one.structure.rare if stopped[one.structure.columns(t)].any()]
 
 
 def known_errors(

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.book import known_errors
+from walkerkit.gap.search.book import known_errors, stopped_at_a_bound
 from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.compare import Member, leaves_smaller_gaps
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
@@ -133,10 +133,10 @@ def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
     while terms := found.structure.rare if rare else found.structure.terms:
         slopes = linearised(problem.fit.objective, found)
         errors = known_errors(problem, found, slopes)
-        stopped = ran_away(found) & rare
+        stopped = stopped_at_a_bound(found) if rare else []
         columns = [(term, found.structure.columns(term)) for term in terms]
         known = [
-            (term, -1.0 if stopped[own].any() else errors[own].max())
+            (term, -1.0 if term in stopped else errors[own].max())
             for term, own in columns
             if len(own)
         ]

@@ -24,6 +24,7 @@ from walkerkit.gap.search.like_joints import Tied
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import reduced
+from walkerkit.gap.search.screen import tries
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Term, carried, extended
@@ -150,18 +151,10 @@ def _on_better_ground(objective: Objective, one: Fit) -> Fit:
     for term in structure.terms:
         if term.effect.part != "ground":
             continue
-        columns = list(structure.columns(term))
-        sizes = zip(*(structure.slots[k].parameter.starts for k in columns), strict=True)
-        rows = [one.values, *(_with(one.values, columns, own) for own in sizes)]
+        rows = tries(structure, term, one.values)
         fits = evaluate(objective, [(structure, row) for row in rows])
         one = min(fits, key=lambda each: each.score)
     return one
-
-
-def _with(values: FloatArray, columns: Sequence[int], own: Sequence[float]) -> FloatArray:
-    other = values.copy()
-    other[columns] = own
-    return other
 
 
 def _of_base_and_ground(problem: Problem, effects: Sequence[Effect]) -> list[Term]:

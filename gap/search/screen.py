@@ -33,7 +33,7 @@ def screen(objective: Objective, base: Fit, terms: Sequence[Term]) -> list[Fit]:
     for term in terms:
         structure = base.structure.with_term(term)
         start = carried(base.values, base.structure, structure)
-        cases.append(Case(structure=structure, values=_tries(structure, term, start)))
+        cases.append(Case(structure=structure, values=tries(structure, term, start)))
     starts: list[tuple[Structure, FloatArray]] = []
     singles: list[Fit] = []
     for term, case, mean_square in zip(terms, cases, objective.mean_squares(cases), strict=True):
@@ -65,8 +65,8 @@ def screen(objective: Objective, base: Fit, terms: Sequence[Term]) -> list[Fit]:
     ]
 
 
-def _tries(structure: Structure, term: Term, start: FloatArray) -> FloatArray:
-    """The start itself, then each magnitude at each place."""
+def tries(structure: Structure, term: Term, start: FloatArray) -> FloatArray:
+    """(n, n_parameters) the start itself, then each magnitude of a term at each place."""
     rows = [start]
     for place in term.places:
         columns = structure.columns(term, place)

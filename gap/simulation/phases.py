@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from walkerkit.gap.recordings.base_state import quaternions
 from walkerkit.gap.recordings.recording import QUATERNION, Recording
@@ -42,16 +43,13 @@ def phases_of(robot: Robot, recording: Recording) -> FloatArray:
     logged = [logged_stance(recording, foot) for foot in feet]
     stands = [one[rows] for one in logged if one is not None]
     if len(stands) < len(feet):
-        w, x, y, z = quaternions(recording)[rows].T
-        down = -np.stack(
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1
-        )
+        turned = Rotation.from_quat(np.roll(quaternions(recording)[rows], -1, axis=1))
         qpos = np.tile(rest(robot.model).qpos, (len(rows), 1))
         for name in recording.joints:
             qpos[:, robot.joints[name].qpos] = recording.columns[f"{name}/position"][rows]
         still = np.zeros((len(rows), robot.model.nv))
         legs = Legs(robot.model, robot.base, feet, qpos, still, still[0])
-        stands = list(as_low_as_the_lowest(down, legs, len(feet)).T)
+        stands = list(as_low_as_the_lowest(turned.as_matrix(), legs, len(feet)).T)
     return np.concatenate([_durations(one, recording.time[rows]) for one in stands])
 
 

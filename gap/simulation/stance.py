@@ -83,7 +83,7 @@ def standing(
             guessed = uniform_filter1d(efforts, rows, axis=0) > _CARRIES * share
         else:
             source = "heights"
-            guessed = as_low_as_the_lowest(-rotation[:, 2], legs, len(feet))
+            guessed = as_low_as_the_lowest(rotation, legs, len(feet))
         logged = [guessed[:, f] if one is None else one for f, one in enumerate(logged)]
     stands = np.stack([one for one in logged if one is not None], axis=1)
     sure = 2 * max(1, round(_SURE * recording.rate)) + 1
@@ -191,14 +191,15 @@ def _chain(robot: Robot, foot: Foot, recording: Recording) -> list[int]:
     ]
 
 
-def as_low_as_the_lowest(down: FloatArray, legs: Legs, count: int) -> Bools:
+def as_low_as_the_lowest(rotation: FloatArray, legs: Legs, count: int) -> Bools:
     """(T, n_feet) whether a foot's lowest point is about as low as that of any.
 
     Args:
-        down: (T, 3) unit vectors of the base's frame.
+        rotation: (T, 3, 3) from the base to the world.
         legs: where the feet are.
         count: how many there are.
     """
+    down = -rotation[:, 2]
     depth = np.stack(
         [np.einsum("ti,ti->t", legs.point(f, down), down) for f in range(count)], axis=1
     )

@@ -5,20 +5,10 @@ from dataclasses import replace
 import pytest
 
 from benchmarks import hidden_effects
+from benchmarks.hidden import scoring
 from benchmarks.hidden.cases import NUISANCES, Case, cases
 from benchmarks.hidden.outcome import Hidden, Named, Outcome
 from benchmarks.hidden.running import run_case
-from benchmarks.hidden.scoring import (
-    admits,
-    covered,
-    false_alarm,
-    first_right,
-    place_right,
-    rare_and_wrong,
-    rare_first,
-    rare_place,
-    ratios,
-)
 
 FEW = ("viscous_friction", "torque_bias", "command_delay")
 TIMESTEP = ("timestep", *NUISANCES)
@@ -32,10 +22,10 @@ def slice_of(**kind):
 
 def test_a_hidden_effect_is_named_where_it_is():
     outcome = slice_of(hide=("torque_bias",))
-    assert first_right(outcome)
-    assert place_right(outcome)
-    assert len(covered([outcome])) == 1
-    assert ratios([outcome]) == [pytest.approx(1.0, abs=0.1)]
+    assert scoring.first_right(outcome)
+    assert scoring.place_right(outcome)
+    assert len(scoring.covered([outcome])) == 1
+    assert scoring.ratios([outcome]) == [pytest.approx(1.0, abs=0.1)]
     assert outcome.after < 0.5 * outcome.before
     assert Outcome.from_json(outcome.to_json()) == outcome
 
@@ -43,14 +33,14 @@ def test_a_hidden_effect_is_named_where_it_is():
 def test_nothing_is_named_where_nothing_is_hidden():
     outcome = slice_of(off="substeps")
     assert outcome.verdict == "no_gap"
-    assert not false_alarm(outcome)
+    assert not scoring.false_alarm(outcome)
 
 
 def test_what_is_taken_out_of_the_catalogue_is_missed():
     outcome = slice_of(hide=("torque_bias",), removed=True)
     assert "torque_bias" not in {named.effect for named in outcome.named}
     assert outcome.oracle is None
-    assert admits(outcome)
+    assert scoring.admits(outcome)
 
 
 def test_cases_that_are_in_the_file_are_not_run_again(tmp_path):
@@ -92,11 +82,11 @@ def test_the_ground_that_a_walking_robot_lands_on_is_neither_right_nor_wrong():
         named=(named("ground_compliance"), named("armature")),
         beside=case.beside,
     )
-    assert rare_first(outcome)
-    assert rare_place(outcome)
-    assert not rare_and_wrong(outcome)
-    assert not false_alarm(replace(outcome, hidden=(), named=outcome.named[:1]))
+    assert scoring.rare_first(outcome)
+    assert scoring.rare_place(outcome)
+    assert not scoring.rare_and_wrong(outcome)
+    assert not scoring.false_alarm(replace(outcome, hidden=(), named=outcome.named[:1]))
     # Where it is hidden it has to come first as any other.
     softer = replace(hidden, effect="ground_compliance")
-    assert rare_first(replace(outcome, hidden=(softer,)))
-    assert not rare_first(replace(outcome, hidden=(softer,), named=outcome.named[1:]))
+    assert scoring.rare_first(replace(outcome, hidden=(softer,)))
+    assert not scoring.rare_first(replace(outcome, hidden=(softer,), named=outcome.named[1:]))
