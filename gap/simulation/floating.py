@@ -2,7 +2,7 @@
 
 base = FloatingBase(robot, segments, states)
 pose, velocity = base.start(lead)         # (n, n_segments, 7) and (n, n_segments, 6)
-base.shown(poses, turning, s, index)      # (n, rows, 9): base.SIGNALS of segment s
+base.shown(poses, turning, segment, index)      # (n, rows, 9): base.SIGNALS
 
 In each log the ground is at the height that lets it carry the robot at the starts of the typical
 segment (`footing`), under every variant of the robot. So what the base does is compared, and not
@@ -66,7 +66,12 @@ class FloatingBase:
         # The ground is as high in all parts of a log.
         self._log = np.array([id(segment.recording.whole) for segment in segments])
         self._states = {key: BaseState(recording) for key, recording in recordings.items()}
-        self._measured = {key: quaternions(recording) for key, recording in recordings.items()}
+        measured = {key: quaternions(recording) for key, recording in recordings.items()}
+        unwrapped = {key: angles(quaternion) for key, quaternion in measured.items()}
+        self._measured, self._angles = (
+            np.concatenate([whole[id(s.recording)][s.first : s.last] for s in segments])
+            for whole in (measured, unwrapped)
+        )
         self.footing = Footing(robot.model, base)
         self.acceleration = np.array([self._acceleration(robot, s, states) for s in segments])
 
@@ -79,11 +84,19 @@ class FloatingBase:
         Returns:
             (n, n_segments, 7) pose and (n, n_segments, 6) velocity.
         """
-        pose, velocity = np.empty((*lead.shape, 7)), np.empty((*lead.shape, 6))
-        for s, segment in enumerate(self._segments):
-            state = self._states[id(segment.recording)]
-            pose[:, s], velocity[:, s] = state.at(segment.start - lead[:, s], self._ahead)
-        return pose, velocity
+        variants = lead[:1] if (lead == lead[:1]).all() else lead
+        pose, velocity = np.empty((*variants.shape, 7)), np.empty((*variants.shape, 6))
+        recordings = np.array([id(segment.recording) for segment in self._segments])
+        time = np.array([segment.start for segment in self._segments]) - variants
+        for key, state in self._states.items():
+            own = recordings == key
+            found = state.at(time[:, own].ravel(), self._ahead)
+            for whole, part in zip((pose, velocity), found, strict=True):
+                whole[:, own] = part.reshape(len(time), -1, part.shape[1])
+        return (
+            np.broadcast_to(pose, (*lead.shape, 7)),
+            np.broadcast_to(velocity, (*lead.shape, 6)),
+        )
 
     def settle(
         self,
@@ -113,30 +126,31 @@ class FloatingBase:
         return raised.ravel()
 
     def shown(
-        self, poses: FloatArray, turning: FloatArray, s: int, index: FloatArray
+        self,
+        poses: FloatArray,
+        turning: FloatArray,
+        segment: NDArray[np.intp],
+        index: FloatArray,
     ) -> FloatArray:
-        """What the log of one segment would show.
+        """What the log of the segments would show.
 
         Args:
-            poses: (n, steps, 7) simulated.
-            turning: (n, steps, 3) simulated angular velocities in the base's frame [rad/s].
-            s: number of the segment.
-            index: (n, rows) or (1, rows) fractional steps of its samples.
+            poses: (n, n_segments, steps, 7) simulated.
+            turning: as `poses`, (..., 3) angular velocities in the base's frame [rad/s].
+            segment: (rows,) which segment each row is of; they are all that the segments have.
+            index: (n, rows) or (1, rows) fractional steps of the rows.
 
         Returns:
             (n, rows, 9) position [m]; roll, pitch and yaw [rad]: the measured ones and, about the
             measured base's own axes, the rotation from there to the simulated orientation; and
             angular velocity [rad/s].
         """
-        segment = self._segments[s]
-        at = np.stack([at_index(poses[..., k], index) for k in range(7)], axis=-1)
-        spin = np.stack([at_index(turning[..., k], index) for k in range(3)], axis=-1)
-        measured = self._measured[id(segment.recording)]
-        now = measured[segment.first : segment.last]
-        error = turned(now, at[..., 3:])
-        return np.concatenate(
-            [at[..., :3], angles(measured)[segment.first : segment.last] + error, spin], -1
+        at, spin = (
+            np.stack([at_index(one[..., k], segment, index) for k in range(one.shape[-1])], axis=-1)
+            for one in (poses, turning)
         )
+        error = turned(self._measured, at[..., 3:])
+        return np.concatenate([at[..., :3], self._angles + error, spin], axis=-1)
 
     def _acceleration(
         self, robot: Robot, segment: Segment, states: Mapping[int, MeasuredState]

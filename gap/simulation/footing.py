@@ -101,6 +101,8 @@ class Footing:
         found = np.zeros(len(measured), dtype=bool)
         step = _FIRST
         for _ in range(_DOUBLINGS):
+            if (found | ~wrong).all():
+                break
             tried = np.where(found, far, way * step)
             tried_excess = excess(tried)
             crossed = way * tried_excess <= 0

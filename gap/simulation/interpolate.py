@@ -63,22 +63,24 @@ def _alike(ages: FloatArray) -> Iterator[tuple[slice, float]]:
 
 def at_index(
     series: FloatArray,
+    segment: NDArray[np.intp],
     index: FloatArray,
     jumps: NDArray[np.bool_] | None = None,
     instant: FloatArray | None = None,
 ) -> FloatArray:
-    """Values of (n, steps) rows at fractional (n, rows) or (1, rows) indices.
+    """Values of segments at fractional indices, (n, rows).
 
     They are interpolated linearly, but for those between which they jump: before the jump it is
     the value before it, and from then on that after it.
 
     Args:
-        series: (n, steps).
+        series: (n, n_segments, steps).
+        segment: (rows,) which segment each is of.
         index: (n, rows) or (1, rows).
-        jumps: (n, steps) or (1, steps), whether the series jumps at a step; nowhere by default.
+        jumps: (n or 1, n_segments, steps) whether the series jumps at a step; nowhere by default.
         instant: as `index`, where it is counted from jumps; `index` itself by default.
     """
-    last = series.shape[1] - 1
+    last = series.shape[2] - 1
     if instant is None:
         instant = index
     index = np.clip(index, 0, last)
@@ -87,16 +89,24 @@ def at_index(
     whole = np.minimum(index.astype(np.int64), last - 1)
     part = index - whole
     if jumps is not None:
-        part = np.where(_at(jumps, whole + 1), instant + _ROUNDED >= whole + 1, part)
-    between: FloatArray = _at(series, whole) * (1 - part) + _at(series, whole + 1) * part
+        jumped = _at(jumps, segment, whole + 1)
+        part = np.where(jumped, instant + _ROUNDED >= whole + 1, part)
+    between: FloatArray = _at(series, segment, whole) * (1 - part)
+    between += _at(series, segment, whole + 1) * part
     return between
 
 
-def jumps_at(jumps: FloatArray, instant: FloatArray) -> FloatArray:
-    """Of (n or 1, steps) jumps those that come at just these instants, (n, rows) or (1, rows)."""
-    step = np.clip(np.round(instant), 0, jumps.shape[1] - 1)
+def jumps_at(jumps: FloatArray, segment: NDArray[np.intp], instant: FloatArray) -> FloatArray:
+    """Of (n or 1, n_segments, steps) jumps those that come at just these instants, (n or 1, rows).
+
+    Args:
+        jumps: by how much.
+        segment: (rows,) which segment each is of.
+        instant: (n or 1, rows) steps.
+    """
+    step = np.clip(np.round(instant), 0, jumps.shape[2] - 1)
     there = np.abs(instant - step) < _ROUNDED
-    found: FloatArray = np.where(there, _at(jumps, step.astype(np.int64)), 0.0)
+    found: FloatArray = np.where(there, _at(jumps, segment, step.astype(np.int64)), 0.0)
     return found
 
 
@@ -105,8 +115,11 @@ def nearest_step(instant: FloatArray) -> FloatArray:
     return np.ceil(instant - NEAREST)
 
 
-def _at(rows: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:
-    """Of (n, steps) those at (n, k) or (1, k)."""
+def _at(values: NDArray[Any], segment: NDArray[np.intp], index: NDArray[np.intp]) -> NDArray[Any]:
+    """Of (n or 1, n_segments, steps) those of (rows,) segments at (n or 1, rows) steps."""
     if len(index) == 1:
-        return rows[:, index[0]]
-    return np.take_along_axis(np.broadcast_to(rows, (len(index), rows.shape[1])), index, axis=1)
+        found: NDArray[Any] = values[:, segment, index[0]]
+    else:
+        rows = np.arange(len(index))[:, None] if len(values) > 1 else 0
+        found = values[rows, segment, index]
+    return found

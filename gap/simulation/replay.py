@@ -254,15 +254,14 @@ class Replay:
             records={name: values.reshape(shape) for name, values in rollout.records.items()},
             time=self.time_of_row,
         )
-        if of_base is not None:
+        if group.base is not None and of_base is not None:
             columns = [c for c, channel in enumerate(self.channels) if channel.of_base]
             channels = [self.channels[c] for c in columns]
-            for span, values in shown.base(channels, of_base, raised):
-                out[:, span, columns] = values
+            of_it = shown.base(group.base, channels, of_base, raised)
+            out[:, group.rows[:, None], columns] = of_it
         for c, channel in enumerate(self.channels):
             if not channel.of_base and channel.joint in group.joints:
-                for span, values in shown.joint(channel):
-                    out[:, span, c] = values
+                out[:, group.rows, c] = shown.joint(channel)
         return out
 
     def _commanding(

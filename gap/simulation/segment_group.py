@@ -39,10 +39,12 @@ class Group:
     Args:
         robot: the robot.
         segments: of recordings that measure the same joints.
-        rows: those of each segment among all that a replay predicts.
+        spans: rows of each segment among all that a replay predicts.
         hold: what the targets are between their samples.
 
     Attributes:
+        rows: (n_rows,) those of all segments.
+        segment: (n_rows,) which segment each is of.
         durations: (n_segments,) [s].
         elapsed: (n_segments,) from the log's beginning, when its clock was right [s].
         steps: of the simulation, from a segment's start on.
@@ -61,12 +63,14 @@ class Group:
     """
 
     def __init__(
-        self, robot: Robot, segments: Sequence[Segment], rows: Sequence[slice], hold: Hold
+        self, robot: Robot, segments: Sequence[Segment], spans: Sequence[slice], hold: Hold
     ):
         self.robot = robot
         self.hold = hold
         self.segments = segments
-        self.rows = rows
+        self.rows = np.concatenate([np.arange(span.start, span.stop) for span in spans])
+        lengths = [span.stop - span.start for span in spans]
+        self.segment = np.repeat(np.arange(len(segments)), lengths)
         step = robot.model.opt.timestep
         self.durations = np.array([segment.duration for segment in segments])
         self.elapsed = np.array(

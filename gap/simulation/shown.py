@@ -7,7 +7,7 @@ shown.fill(out, channels)
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.recordings.base_state import SIGNALS, TURNING
 from walkerkit.gap.simulation.channel import Channel
+from walkerkit.gap.simulation.floating import FloatingBase
 from walkerkit.gap.simulation.interpolate import at_index, jumps_at, nearest_step
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.robot import Joint, Robot
@@ -102,8 +103,8 @@ class Shown:
         """The robot."""
         return self.group.robot
 
-    def joint(self, channel: Channel) -> Iterator[tuple[slice, FloatArray]]:
-        """The rows of each segment with what (n, rows) they show of a joint's signal."""
+    def joint(self, channel: Channel) -> FloatArray:
+        """What the group's rows show of a joint's signal, (n, n_rows)."""
         k, timing, step = self.group.joints.index(channel.joint), self.timing, self._step
         jumps = None
         if channel.signal == "effort":
@@ -112,32 +113,30 @@ class Shown:
             age = timing.lead - timing.prompt[..., k]
         else:
             series, age = self._encoded(k, channel.signal), timing.lead - timing.behind[..., k]
-        for s, span in enumerate(self.group.rows):
-            clocks = np.stack([timing.rate[:, 0, k], age[:, s], timing.lead[:, s]])
-            if (clocks == clocks[:, :1]).all():
-                clocks = clocks[:, :1]
-            time = self.time[span]
-            at = (clocks[0, :, None] * time + clocks[1, :, None]) / step
-            if channel.signal != "effort":
-                yield span, at_index(series[:, s], at)
-            else:
-                stamp = (time + clocks[2, :, None]) / step
-                own_jumps = None if jumps is None else jumps[:, s]
-                yield span, self._effort_shown(series[:, s], at, own_jumps, stamp)
+        rate, lead = timing.rate[..., k], timing.lead
+        if all((one == one[:1]).all() for one in (rate, age, lead)):
+            rate, age, lead = rate[:1], age[:1], lead[:1]
+        at = (rate * self._time + age[:, self.group.segment]) / step
+        if channel.signal != "effort":
+            return at_index(series, self.group.segment, at)
+        stamp = (self._time + lead[:, self.group.segment]) / step
+        return self._effort_shown(series, at, jumps, stamp)
 
     def base(
-        self, channels: Sequence[Channel], start: tuple[FloatArray, FloatArray], raised: FloatArray
-    ) -> Iterator[tuple[slice, FloatArray]]:
-        """The rows of each segment with what (n, rows, n_channels) they show of the base.
+        self,
+        base: FloatingBase,
+        channels: Sequence[Channel],
+        start: tuple[FloatArray, FloatArray],
+        raised: FloatArray,
+    ) -> FloatArray:
+        """What the group's rows show of the base, (n, n_rows, n_channels).
 
         Args:
-            channels: the base's.
+            base: the base.
+            channels: its own.
             start: its pose and velocity as they were measured.
             raised: (n * n_segments,) by how much it started higher than that [m].
         """
-        base = self.group.base
-        if base is None:
-            return
         pose, velocity = start
         poses = self.records["qpos"][..., base.addresses[0]]
         poses[..., 2] -= raised.reshape(*poses.shape[:2], 1)
@@ -147,9 +146,14 @@ class Shown:
             simulated = self.records["qvel"][..., base.addresses[1][3:]]
             spins = np.concatenate([velocity[:, :, None, 3:], simulated], axis=2)
         which = [SIGNALS.index(channel.signal) for channel in channels]
-        for s, span in enumerate(self.group.rows):
-            at = (self.time[span] + self.timing.lead[:, [s]]) / self._step
-            yield span, base.shown(poses[:, s], spins[:, s], s, at)[..., which]
+        at = (self._time + self.timing.lead[:, self.group.segment]) / self._step
+        shown: FloatArray = base.shown(poses, spins, self.group.segment, at)[..., which]
+        return shown
+
+    @property
+    def _time(self) -> FloatArray:
+        time: FloatArray = self.time[self.group.rows]
+        return time
 
     @property
     def _step(self) -> float:
@@ -194,26 +198,27 @@ class Shown:
     def _effort_shown(
         self, series: FloatArray, at: FloatArray, jumps: FloatArray | None, stamp: FloatArray
     ) -> FloatArray:
-        """What rows show of an effort, (n, rows).
+        """What rows show of an effort, (n, n_rows).
 
         Args:
-            series: (n, steps) of the effort.
-            at: (n or 1, rows) steps at which it was read, as if at once.
-            jumps: (n or 1, steps) by which targets move it; None where they do not jump.
+            series: (n, n_segments, steps) of the effort.
+            at: (n or 1, n_rows) steps at which it was read, as if at once.
+            jumps: (n or 1, n_segments, steps) by which targets move it; None where none does.
             stamp: as `at`, the steps with which the rows are stamped.
         """
         if jumps is None:
-            jumps = np.zeros((1, series.shape[1]))
+            jumps = np.zeros((1, *series.shape[1:]))
+        segment = self.group.segment
         # What is logged with a target is after it, however the stamps jitter.
         instant = nearest_step(stamp) + at - stamp
-        shown = at_index(series, at, jumps != 0, instant)
+        shown = at_index(series, segment, at, jumps != 0, instant)
         if self.robot.reads_effort_first:
-            shown -= jumps_at(jumps, instant)
+            shown -= jumps_at(jumps, segment, instant)
         if self.robot.effort_age:
             # Of a step before it is what was after its target.
             age = self.robot.effort_age / self._step
             ago = max(age, 1.0)
-            earlier = at_index(series, at - ago, jumps != 0, instant - ago)
+            earlier = at_index(series, segment, at - ago, jumps != 0, instant - ago)
             shown += min(age, 1.0) * (earlier - shown)
         return shown
 
