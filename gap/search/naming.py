@@ -215,9 +215,11 @@ class _Search:
     def __init__(self, problem: Problem, book: Book, effort: Effort, progress: Progress | None):
         self._problem, self._book, self._effort = problem, book, effort
         self._progress = effort.checked(progress)
+        self._others: dict[str, tuple[Fit, Fit]] = {}  # of an effect: a fit, and that without it
 
     def rare(self, effects: Sequence[Effect], current: Fit) -> None:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
+        current = self._worth_their_names(current)
         begun = current.structure.rare  # of a floating base, which no other met
         current = self._grown(effects, current)
         for _ in range(_EXCHANGES):
@@ -264,20 +266,36 @@ class _Search:
             current = _at_needed_places(problem, book, best)
         return current
 
+    def _worth_their_names(self, current: Fit) -> Fit:
+        """A fit without those of its rare effects that are worth no name."""
+        for term in current.structure.rare:
+            others = self._without(current, term)
+            if self._book.is_enough(others, current):
+                current = others
+        return current
+
+    def _without(self, current: Fit, term: Term) -> Fit:
+        """A fit without one of its terms, in the book; found once while the fit is the same."""
+        found = self._others.get(term.effect.name)
+        if found is None or found[0] is not current:
+            fewer = current.structure.without_term(term)
+            (others,) = _refitted(self._problem, current, [fewer])
+            found = self._others[term.effect.name] = current, self._book.add(others)
+        return found[1]
+
     def _exchange(self, effects: Sequence[Effect], current: Fit, unmet: Sequence[Term]) -> None:
         """Each rare effect of a fit, but for its latest, meets what could be in its place.
 
         Some have met none of the others, and meet them all.
         """
-        problem, book = self._problem, self._book
-        found = current.structure.rare
+        book, found = self._book, current.structure.rare
         for term in found:
             if term is found[-1] and term not in unmet:  # it met the others when it was added
                 continue
             name = term.effect.name
             if not self._effort.allows(f"others in the place of {name}"):
                 continue
-            others = book.add(_without(problem, current, [term]))
+            others = self._without(current, term)
             if term in unmet and book.is_enough(others, current):
                 continue  # what is worth no name needs no rivals
             always = [e.name for e in effects if e.name in term.effect.extends]
@@ -375,14 +393,6 @@ def _at(problem: Problem, book: Book, full: Fit, term: Term, places: Sequence[st
     fewer = replace(term, sites=tuple(site for site in term.sites if site in places))
     (smaller,) = _refitted(problem, full, [full.structure.replaced(term, fewer)])
     return book.add(smaller, beside=full, smaller=True)
-
-
-def _without(problem: Problem, current: Fit, terms: Sequence[Term]) -> Fit:
-    structure = current.structure
-    for term in terms:
-        structure = structure.without_term(term)
-    (found,) = _refitted(problem, current, [structure])
-    return found
 
 
 def _refitted(problem: Problem, source: Fit, structures: Sequence[Structure]) -> list[Fit]:
