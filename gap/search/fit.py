@@ -282,7 +282,7 @@ def _in_lock_step(
         answers = dict(zip(fits, slopes, strict=True))
         simulated = simulated_each([objectives[k] for k in cases], list(cases.values()))
         for k, residual in zip(cases, simulated, strict=True):
-            objectives[k].take_out_numerical_error(residual)
+            objectives[k].take_out_numerical_error(residual, [cases[k]])
             answers[k] = residual
     return [found[k] for k in range(len(runs))]
 

@@ -45,6 +45,10 @@ class KnownError:
         near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
         return bool((np.abs(values - self.values) <= near).all())
 
+    def is_at(self, structure: Structure, values: FloatArray) -> bool:
+        """Whether other values are the same."""
+        return structure.key == self.structure.key and np.array_equal(values, self.values)
+
     @property
     def of_half(self) -> FloatArray:
         """(rows, n_scored) what half the timestep changes."""

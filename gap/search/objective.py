@@ -107,6 +107,7 @@ class Objective:
         # A channel that only other recordings have counts, but nothing can change its score.
         self.count = np.maximum(np.isfinite(self.measured).sum(axis=0), 1)
         self._refined: deque[KnownError] = deque(maxlen=_REMEMBERED)
+        self._finer: Mapping[Way, Objective] = {}
         self.root: FloatArray | None = None  # (rows, n_scored) of how much each counts
         self._coarse = False
         self._level: tuple[NumericalError, FloatArray] | None = None
@@ -157,7 +158,8 @@ class Objective:
             own: (rows, n_scored) the residual as simulated.
             finer: the same recordings at half the timestep.
         """
-        near = [k for k in self._refined if k.is_near(case.structure, case.values[0])]
+        at = case.structure, case.values[0]
+        near = [k for k in self._refined if (k.is_at(*at) if self.jumps else k.is_near(*at))]
         known = near[0] if near else self._still_as(case, own, finer)
         if known is None:
             return False
@@ -245,7 +247,7 @@ class Objective:
             return
         for _ in range(_PASSES):
             left = own[None].copy()
-            self.take_out_numerical_error(left)
+            self._take_out_the_one(left)
             variance = self.mean_square(left[0]) + self.floor**2
             self.numerical = known.error.beside(Starts(*self.spans, known.started, variance))
 
@@ -317,8 +319,16 @@ class Objective:
         Rows of trials that diverged are NaN.
         """
         residual = self._as_simulated(cases)
-        self.take_out_numerical_error(residual)
+        self.take_out_numerical_error(residual, cases)
         return _per_case(residual, cases)
+
+    def in_the_light_of(self, case: Case) -> Objective:
+        """The same with the numerical error at one row of values, where that is another there."""
+        if not self._each_its_own:
+            return self
+        other = self.apart()
+        other.refine(self._finer, case)
+        return other
 
     def simulated(self, cases: Sequence[Case]) -> list[FloatArray]:
         """As `residuals`, with the numerical error in them."""
@@ -398,8 +408,31 @@ class Objective:
         residual[failed] = np.nan
         return residual
 
-    def take_out_numerical_error(self, residual: FloatArray) -> None:
-        """Takes it out of (n, rows, n_scored) residuals as simulated."""
+    @property
+    def _each_its_own(self) -> bool:
+        """Whether all values have another numerical error: what jumps does so a step elsewhere."""
+        return self.jumps and bool(self.numerical.ways)
+
+    def take_out_numerical_error(self, residual: FloatArray, cases: Sequence[Case]) -> None:
+        """Takes it out of the (n of all cases, rows, n_scored) residuals of some cases.
+
+        Where residuals jump, what a finer timestep changes at one row of values says nothing of the
+        next: taken out of both, the values where it was found look better than all about them.
+        """
+        if not self._each_its_own:
+            self._take_out_the_one(residual)
+            return
+        ways, starts = self.numerical.ways, self.numerical.starts
+        otherwise = _each_simulated([(self._finer[way], cases) for way in ways])
+        for k, row in enumerate(residual):
+            own = {way: each[k] for way, each in zip(ways, otherwise, strict=True)}
+            error = NumericalError.of(row, own)
+            error = error if starts is None else error.beside(starts)
+            error.free(row[None])
+            if len(error.changes):
+                error.take_out(row[None], self._numerical_weights(row[None]))
+
+    def _take_out_the_one(self, residual: FloatArray) -> None:
         self.numerical.free(residual)
         self.take_out_factors(residual)
 
@@ -503,6 +536,7 @@ def refine(
     unknown = []
     for k, (one, finer, case) in enumerate(wanted):
         one.leave_as_simulated()
+        one._finer = finer
         known = own if k == 0 else None
         if one._refined and known is None:
             known = one.simulated([case])[0][0]
@@ -539,7 +573,7 @@ def residuals_of(
         each = []
         simulated = _each_simulated([(one, cases[group]) for one in objectives])
         for one, residual in zip(objectives, simulated, strict=True):
-            one.take_out_numerical_error(residual)
+            one.take_out_numerical_error(residual, cases[group])
             each.append(_per_case(residual, cases[group]))
         yield from (list(of_case) for of_case in zip(*each, strict=True))
 

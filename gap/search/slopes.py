@@ -18,9 +18,9 @@ from walkerkit.gap.search.structure import Case, Fit, Structure, found_in
 FloatArray = NDArray[np.float64]
 
 _PERTURBATION = 0.02  # of a parameter's scale
+_BEYOND_JUMPS = 0.3  # of it, to both sides: over so much what goes steadily outweighs what jumps
 _ROWS = 256  # of slopes, multiplied at a time
 _RIGHT = 0.1  # of what a step changes may be otherwise than the slopes said
-_JUMP = 2.0  # times what a move to one side changes of a block, and the other has a jump in it
 
 
 @dataclass(kw_only=True)
@@ -154,7 +154,7 @@ def linearised(objective: Objective, one: Fit, *, part: float = _PERTURBATION) -
     """
     (found,) = linearised_each([objective], [one], part=part, correct=False)
     found.keep(objective)
-    found.correct(objective)
+    found.correct(objective.in_the_light_of(one.case))
     return found
 
 
@@ -194,7 +194,7 @@ def linearised_each(
             secant *= (one.structure.scale[some] / move)[:, None, None]
             secant[~np.isfinite(secant.sum(axis=(1, 2)))] = 0.0  # what diverged
             secants.append(secant)
-        found = secants[0] if len(secants) == 1 else _without_jumps(objective, *secants)
+        found = np.mean(secants, axis=0) if objective.jumps else secants[0]
         jacobian = found
         if len(some) < len(one.values):
             jacobian = np.zeros((len(one.values), *residual.shape))
@@ -206,7 +206,7 @@ def linearised_each(
             simulated=len(perturbed.case.values) - 1,
         )
         if correct:
-            slopes.correct(objective)
+            slopes.correct(objective.in_the_light_of(one.case))
         yield slopes
 
 
@@ -236,7 +236,8 @@ def _perturbed(
 ) -> _Perturbed:
     structure = current.structure
     lower, upper = structure.bounds
-    move = part * structure.scale
+    # A foot that touches down a step earlier makes what follows jump, after the smallest move.
+    move = (_BEYOND_JUMPS if objective.jumps else part) * structure.scale
     move = np.where(current.values + move > upper, -move, move)
     sides = [move]
     if objective.jumps:
@@ -250,24 +251,6 @@ def _perturbed(
     return _Perturbed(
         case=Case(structure=structure, values=values), move=np.stack(sides)[:, own], moves=moves
     )
-
-
-def _without_jumps(objective: Objective, one: FloatArray, other: FloatArray) -> FloatArray:
-    """Slopes of moves to both sides, (n_parameters, rows, n_scored), block by block.
-
-    A foot that touches down a step earlier makes what follows jump, by as much after the smallest
-    move. So where both sides differ much the smaller is the slope, as of flux limiters (van Leer,
-    Journal of Computational Physics 14, 1974), else their mean.
-    """
-    for k in range(len(one)):
-        sizes = [
-            np.sqrt(objective.block_squares(side[k] / objective.floor).sum(axis=1))
-            for side in (one, other)
-        ]
-        alike = np.maximum(*sizes) <= _JUMP * np.minimum(*sizes)
-        share = np.where(alike, 0.5, sizes[0] < sizes[1])[objective.block, None]
-        one[k] = share * one[k] + (1 - share) * other[k]
-    return one
 
 
 def normal_equations(

@@ -1,38 +1,79 @@
-"""Slopes of residuals that jump where a foot touches down a step earlier or later."""
-
-from types import SimpleNamespace
+"""Slopes and numerical errors of robots that walk, where the smallest move makes residuals jump."""
 
 import numpy as np
 import pytest
 
-from walkerkit.gap.search.slopes import _without_jumps
+from tests.gap.search.test_fit import EFFORT, POSITION, pendulum, run, structure
+from walkerkit.gap.recordings.segments import whole
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.structure import Case
+from walkerkit.gap.simulation.replay import Replay
 
-BLOCK = np.repeat([0, 1, 2], 4)
-
-
-def objective():
-    def squares(residual):
-        return np.stack([np.bincount(BLOCK, weights=column**2) for column in residual.T], axis=1)
-
-    return SimpleNamespace(block=BLOCK, floor=np.array([1.0, 0.1]), block_squares=squares)
-
-
-@pytest.mark.parametrize("jumping", [0, 1])
-def test_of_two_sides_that_differ_in_a_block_the_smaller_is_the_slope_there(jumping):
-    rng = np.random.default_rng(0)
-    smooth = rng.normal(1.0, 0.1, (1, 12, 2))
-    sides = [smooth.copy(), smooth.copy()]
-    sides[jumping][0, 6:8] += 50.0  # a foot landed a step earlier, late in the second block
-    found = _without_jumps(objective(), *sides)
-    np.testing.assert_allclose(found, smooth)
+CHANNELS = (POSITION, EFFORT)
+VALUES = np.array([[0.2, 0.01], [0.5, 0.05]])
 
 
-def test_of_two_sides_that_bend_their_mean_is_the_slope():
-    one, other = np.full((2, 12, 2), 1.2), np.full((2, 12, 2), 0.8)
-    np.testing.assert_allclose(_without_jumps(objective(), one, other), 1.0)
+@pytest.fixture(scope="module")
+def walked():
+    """A robot, and what it did with more friction in it."""
+    robot = pendulum()
+    return robot, run(robot, dof_damping=0.4)
 
 
-def test_a_side_that_diverged_is_the_smaller_one():
-    # `linearised_each` has zeros for it: a number that runs away to one side is left where it is.
-    one, other = np.zeros((1, 12, 2)), np.ones((1, 12, 2))
-    np.testing.assert_allclose(_without_jumps(objective(), one, other), 0.0)
+def objective(robot, recording, *, jumps):
+    replay = Replay(robot, whole(recording), CHANNELS)
+    return Objective([replay], CHANNELS, np.full(2, 1e-5), jumps=jumps)
+
+
+def refined(robot, recording, case, *, jumps):
+    one = objective(robot, recording, jumps=jumps)
+    one.refine({"half": objective(robot.refined(2), recording, jumps=jumps)}, case)
+    assert one.numerical.changes.any()
+    return one
+
+
+def cases(robot):
+    tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
+    return [Case(structure=tried, values=row[None]) for row in VALUES]
+
+
+def test_slopes_over_jumps_are_those_of_moves_far_to_both_sides(walked):
+    robot, recording = walked
+    one = objective(robot, recording, jumps=True)
+    first, _ = cases(robot)
+    scale = first.structure.scale
+    (start,) = evaluate(one, [(first.structure, VALUES[0])])
+    found = linearised(one, start).jacobian
+    for k, far in enumerate(0.3 * np.diag(scale)):
+        there, back = one.residuals(
+            [Case(structure=first.structure, values=VALUES[:1] + side * far) for side in (1, -1)]
+        )
+        expected = (there[0] - back[0]) / 0.6
+        np.testing.assert_allclose(found[k], expected, atol=1e-12 + 1e-9 * np.abs(expected).max())
+    near = linearised(objective(robot, recording, jumps=False), start).jacobian
+    assert not np.allclose(found, near, rtol=1e-3, atol=1e-3 * np.abs(near).max())
+
+
+def test_over_jumps_all_values_have_their_own_numerical_error(walked):
+    robot, recording = walked
+    both = cases(robot)
+    (expected,) = refined(robot, recording, both[1], jumps=True).residuals([both[1]])
+    elsewhere = refined(robot, recording, both[0], jumps=True)
+    together = Case(structure=both[0].structure, values=VALUES)
+    (of_two,) = elsewhere.residuals([together])
+    np.testing.assert_array_equal(of_two[1], expected[0])
+    (one_for_all,) = refined(robot, recording, both[0], jumps=False).residuals([together])
+    np.testing.assert_array_equal(one_for_all[0], of_two[0])
+    assert not np.array_equal(one_for_all[1], of_two[1])
+
+
+def test_and_so_have_slopes(walked):
+    robot, recording = walked
+    first, second = cases(robot)
+    here, there = (refined(robot, recording, case, jumps=True) for case in (second, first))
+    (start,) = evaluate(here, [(second.structure, VALUES[1])])
+    expected, found = (linearised(one, start) for one in (here, there))
+    np.testing.assert_array_equal(found.residual, expected.residual)
+    np.testing.assert_array_equal(found.jacobian, expected.jacobian)
