@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import covariance, ran_away
-from walkerkit.gap.search.compare import Member, Table, is_worth_a_name
+from walkerkit.gap.search.compare import Member, Rare, Table, is_worth_a_name, rare_effects
 from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members, ordinary
@@ -101,44 +101,81 @@ class Book:
         """Whether the table has a fit that was added."""
         return any(member.fit is one for member in self._members)
 
-    def fit_what_is_in_the_running(self, fitted: Callable[[Member], Fit]) -> None:
+    def fit_what_is_in_the_running(self, fitted: Callable[[Member, Collection[Rare]], Fit]) -> None:
         """Has the structures that may be the best fitted by themselves, of which `best` then is.
 
         Until then they are read off slopes of fits with everything ordinary in them, which say
         little of what is far away.
 
+        Those that fell short of what slopes promised tell how far to believe slopes of others with
+        the same rare effects.
+
         Args:
-            fitted: fits a member by itself.
+            fitted: fits a member by itself, as long as it does not come down to rare effects that
+                others have by themselves.
         """
         by_itself: set[Hashable] = set()
+        short: dict[Rare, float] = {}  # of what slopes promised
         others = 0
         for _ in range(_MOST_BY_THEMSELVES):
             table = self.table
-            least = table.worth.max() + np.log(1 - CONFUSION)
+            worth = table.worth - [
+                0.0 if member.key in by_itself else short.get(member.rare, 0.0)
+                for member in table.members
+            ]
+            best = table.best_by(worth)
+            least = worth.max() + np.log(1 - CONFUSION)
             tried = {member.rare for member in table.members if member.key in by_itself}
             # One of each that has other rare effects, and always the best.
             running = [
                 table.members[k]
-                for k in np.argsort(-table.worth, kind="stable")
-                if table.worth[k] >= least and table.members[k].rare not in tried
+                for k in np.argsort(-worth, kind="stable")
+                if worth[k] >= least and table.members[k].rare not in tried
             ]
-            running = [m for m in (table.best, *running) if m.key not in by_itself]
-            others += table.best.key in by_itself
+            running = [m for m in (best, *running) if m.key not in by_itself]
+            others += best.key in by_itself
             if not running or others == _MOST_IN_THE_RUNNING:
                 break
-            by_itself.add(running[0].key)
-            by_itself.add(self._fit_by_itself(running[0], fitted, by_itself).key)
+            one = running[0]
+            promised = table.worth[table.members.index(one)]
+            by_itself.add(one.key)
+            done = tried - {one.rare}
+            alone = fitted(one, done)
+            if rare_effects(alone.structure) in done:
+                self._members = [m for m in self._members if m.key != one.key]
+                self._table = None
+                short[one.rare] = np.inf
+                continue
+            itself = self._put(one, alone, by_itself)
+            by_itself.add(itself.key)
+            came = self.table.worth[self.table.members.index(itself)]
+            short[one.rare] = max(short.get(one.rare, 0.0), promised - came)
         self._among = by_itself
+        self._forget_what_did_not_come(short)
 
-    def _fit_by_itself(
-        self, member: Member, fitted: Callable[[Member], Fit], known: Collection[Hashable]
-    ) -> Member:
+    def _forget_what_did_not_come(self, tried: Collection[Rare]) -> None:
+        """Forgets what slopes promise beyond the best of what was fitted by itself.
+
+        Of others with the same rare effects it did not come.
+
+        Args:
+            tried: rare effects of what was fitted by itself.
+        """
+        table, known = self.table, self._among or set()
+        most = table.worth[table.members.index(self.best)]
+        self._members = [
+            member
+            for member, worth in zip(table.members, table.worth, strict=True)
+            if member.key in known or member.rare not in tried or worth <= most
+        ]
+        self._table = None
+
+    def _put(self, member: Member, one: Fit, known: Collection[Hashable]) -> Member:
         """Puts a member as it is by itself in the place of the one that was read off slopes.
 
         Of members whose keys are known slopes say nothing any more.
         """
         objective = self._problem.fit.objective
-        one = fitted(member)
         self._problem.fit.refine(one)
         slopes = linearised(objective, one)
         found = members(objective, one, slopes, self._problem.noise, whole=True)

@@ -5,6 +5,7 @@ fit = only_needed(problem, member)
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.book import known_errors, stopped_at_a_bound
 from walkerkit.gap.search.certainty import ran_away
-from walkerkit.gap.search.compare import Member, leaves_smaller_gaps
+from walkerkit.gap.search.compare import Member, Rare, leaves_smaller_gaps, rare_effects
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.problem import Problem
@@ -27,20 +28,30 @@ _REFITS, _PASSES = 8, 3
 _KEEPS = 0.5  # of what slopes foretell, that has to come of it for them to be believed
 
 
-def only_needed(problem: Problem, member: Member) -> Fit:
+def only_needed(problem: Problem, member: Member, done: Collection[Rare] = ()) -> Fit:
     """A member of the table by itself, fitted without what it does not need or cannot know.
 
     What it needs is read off slopes. Fitted, it may turn out to need even less, unless that leaves
     larger gaps: slopes do not know where the numerical error ends. And what of it is not known to
     be there, in the light of all that the model still lacks, is left out.
+
+    Args:
+        problem: what is explained.
+        member: the member.
+        done: rare effects that others have by themselves; a fit that comes down to these is left
+            as it is.
     """
     objective = problem.fit.objective
     found = by_itself(problem, member)
     slopes = linearised(objective, found)
     while found.structure.terms:
+        if rare_effects(found.structure) in done:
+            return found
         unknown, fewer = _not_known(problem, found, slopes)
         if fewer is not None:
             values = carried(found.values, found.structure, fewer)
+            if rare_effects(fewer) in done:
+                return replace(found, structure=fewer, values=values)
             found = _settled(problem, found, fewer, values, slopes)
             slopes = linearised(objective, found)
             continue

@@ -31,10 +31,11 @@ from walkerkit.gap.search.decision import (
     TEMPERATURE,
 )
 from walkerkit.gap.search.score import Scores
-from walkerkit.gap.search.structure import Fit
+from walkerkit.gap.search.structure import Fit, Structure, merged
 
 FloatArray = NDArray[np.float64]
 Places = Mapping[str, tuple[str, ...]]
+Rare = frozenset[tuple[str, tuple[str, ...]]]
 
 _DRAWS, _SEED = 1000, 20260101
 
@@ -63,9 +64,9 @@ class Member:
         return tuple(sorted(self.effects.items()))
 
     @property
-    def rare(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    def rare(self) -> Rare:
         """Of that what is rare."""
-        return tuple(one for one in self.key if not _ordinary(one[0]))
+        return frozenset(one for one in self.key if not _ordinary(one[0]))
 
     @cached_property
     def log_prior(self) -> float:
@@ -89,6 +90,11 @@ class Member:
 def log_prior(effect: str, places: int) -> float:
     """Log prior odds of an effect at so many places."""
     return -PRICE_PLACE * places - (0.0 if _ordinary(effect) else PRICE_RARE)
+
+
+def rare_effects(structure: Structure) -> Rare:
+    """The rare effects of a structure and where they are, as those of a member."""
+    return frozenset((term.effect.name, term.places) for term in merged(structure).rare)
 
 
 def _ordinary(effect: str) -> bool:
@@ -144,6 +150,10 @@ class Table:
         worth = self.worth
         if keys is not None:
             worth = np.where([member.key in keys for member in self.members], worth, -np.inf)
+        return self.best_by(worth)
+
+    def best_by(self, worth: FloatArray) -> Member:
+        """The same by another (n,) worth of each."""
         near = np.flatnonzero(worth >= worth.max() - 0.5 * PRICE_PLACE)
         return min((self.members[k] for k in near), key=lambda member: len(member.kept))
 

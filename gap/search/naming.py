@@ -31,7 +31,7 @@ from walkerkit.gap.search.ordinary_effects import ground
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
 from walkerkit.gap.search.settle import robustly, without_the_wild
-from walkerkit.gap.search.slopes import linearised, normal_equations
+from walkerkit.gap.search.slopes import Slopes, linearised, normal_equations
 from walkerkit.gap.search.structure import (
     Fit,
     Structure,
@@ -230,7 +230,9 @@ class _Search:
 
     def compare(self) -> None:
         """Has what may be the best fitted by itself."""
-        self._book.fit_what_is_in_the_running(lambda member: only_needed(self._problem, member))
+        self._book.fit_what_is_in_the_running(
+            lambda member, done: only_needed(self._problem, member, done)
+        )
 
     def once_more(self, effects: Sequence[Effect], grown: Fit, begun: Begun) -> None:
         """Looks for rare effects again, where much of what was grown is not known to be there.
@@ -305,9 +307,8 @@ class _Search:
                 if effect is not term.effect
                 and (term in unmet or effect.name in always or book.has_tried(effect.name))
             ]
-            self._propose(
-                rivals, others, instead_of=current, always=always, tamed=term not in unmet
-            )
+            tamed = term not in unmet and not self._problem.on_feet
+            self._propose(rivals, others, instead_of=current, always=always, tamed=tamed)
 
     def _propose(
         self,
@@ -320,34 +321,49 @@ class _Search:
     ) -> None:
         """Enters what some effects promise on top of a fit, or instead of what another has besides.
 
-        If tamed, also where a few wild blocks do not outvote the rest.
+        First where a few wild blocks do not outvote the rest, as they do not in the table; on feet
+        the other way round. Once the table prefers other rare effects, that is enough.
+
+        Args:
+            effects: those that may be added.
+            current: the fit.
+            instead_of: as for `proposals`.
+            always: as for `proposals`.
+            tamed: also look where wild blocks do not outvote the rest.
         """
-        problem, book = self._problem, self._book
-        near = book.slopes(current)
-        found = proposals(
-            problem, current, near, effects, self._progress, instead_of=instead_of, always=always
-        )
-        if problem.on_feet:
-            # A look takes long there: what it has found is grown upon first.
-            for one in found:
-                book.add(one, beside=current)
-            found = []
-            tamed = tamed and len(book.best.fit.structure.rare) <= len(current.structure.rare)
-        tame = without_the_wild(problem, current) if tamed else None
-        if tame is not None:
-            its = near.trusting(tame.fit.objective, current)
-            again = proposals(
-                tame,
-                tame.fit.by_own_error(current),
-                its,
+        problem, book, before = self._problem, self._book, self._book.best.fit.structure.rare
+
+        def found_by(half: Problem, start: Fit, slopes: Slopes) -> list[Fit]:
+            return proposals(
+                half,
+                start,
+                slopes,
                 effects,
                 self._progress,
                 instead_of=instead_of,
+                always=always,
             )
+
+        def as_they_are() -> list[Fit]:
+            return found_by(problem, current, book.slopes(current))
+
+        def without_wild() -> list[Fit]:
+            problem.searched.look_at(current.case)
+            tame = without_the_wild(problem, current)
+            if tame is None:
+                return []
+            own = tame.fit.by_own_error(current)
+            its = book.slopes(current).trusting(tame.fit.objective, current)
+            again = found_by(tame, own, its)
             problem.fit.refine(current)
-            found += evaluate(problem.fit.objective, [(one.structure, one.values) for one in again])
-        for one in found:
-            book.add(one, beside=current)
+            return evaluate(problem.fit.objective, [(one.structure, one.values) for one in again])
+
+        ways = [as_they_are, without_wild] if tamed else [as_they_are]
+        for look in ways if problem.on_feet else reversed(ways):
+            for one in look():
+                book.add(one, beside=current)
+            if book.best.fit.structure.rare != before:
+                break
 
 
 def _at_needed_places(problem: Problem, book: Book, full: Fit) -> Fit:
