@@ -1,0 +1,87 @@
+"""The book: of what slopes promise, what is fitted by itself and what stays in the table."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.gap.search.test_naming import LEG, fitted, hide, problem_of
+from walkerkit.gap.search.book import Book
+from walkerkit.gap.search.compare import Member, Rare, rare_effects
+from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.structure import Fit
+
+
+@pytest.fixture(scope="module")
+def leg(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    """With dry friction at the knee and torque that is off at both joints."""
+    model: Path = tmp_path_factory.mktemp("leg") / "leg.xml"
+    model.write_text(LEG)
+    biased = hide("torque_bias", "knee", "ankle", knee__bias=0.5, ankle__bias=0.3)
+    return problem_of(model, [hide("coulomb_friction", "knee", frictionloss=0.3), biased])
+
+
+def rubbed(leg: Problem, *biased: str, friction: str = "coulomb_friction") -> Fit:
+    return fitted(leg, **{friction: ["knee"], "torque_bias": list(biased)})
+
+
+def by_rare(book: Book) -> dict[Rare, list[Member]]:
+    found: dict[Rare, list[Member]] = {}
+    for member in book.table.members:
+        found.setdefault(member.rare, []).append(member)
+    return found
+
+
+def worth(book: Book, member: Member) -> float:
+    return float(book.table.worth[book.table.members.index(member)])
+
+
+def test_slopes_are_believed_as_far_as_others_of_the_same_rare_effects_kept_to_them(
+    leg: Problem,
+) -> None:
+    book = Book(leg)
+    right = book.add(rubbed(leg, "knee", "ankle"))
+    other = book.add(rubbed(leg, "knee", "ankle", friction="viscous_friction"))
+    promised = {
+        id(one): max(worth(book, m) for m in book.table.members if m.fit is one)
+        for one in (right, other)
+    }
+    asked: list[Fit] = []
+
+    def alone(member: Member, done: Collection[Rare]) -> Fit:
+        asked.append(member.fit)
+        values = right.values.copy()
+        values[0] = 0.0  # no friction at all, so that it falls far short
+        (poor,) = evaluate(leg.fit.objective, [(right.structure, values)])
+        return poor
+
+    book.fit_what_is_in_the_running(alone)
+    came = worth(book, book.best)
+    assert came < promised[id(other)] < promised[id(right)]
+    assert all(one is right for one in asked)
+    assert max(book.table.worth) == came  # what the other promises is forgotten
+
+
+def test_what_comes_down_to_rare_effects_of_another_is_no_member(leg: Problem) -> None:
+    book = Book(leg)
+    both = book.add(rubbed(leg, "knee", "ankle"))
+    single = [book.add(rubbed(leg, joint)) for joint in ("knee", "ankle")]
+    members = by_rare(book)
+    poor, good = sorted(
+        single, key=lambda one: max(worth(book, m) for m in members[rare_effects(one.structure)])
+    )
+    asked: list[tuple[Rare, set[Rare]]] = []
+
+    def alone(member: Member, done: Collection[Rare]) -> Fit:
+        asked.append((member.rare, set(done)))
+        return replace(poor)
+
+    book.fit_what_is_in_the_running(alone)
+    rare = [rare_effects(one.structure) for one in (both, good, poor)]
+    assert asked == [(rare[0], set()), (rare[1], {rare[2]})]
+    assert book.best.rare == rare[2]
+    assert rare[1] not in by_rare(book)
