@@ -10,6 +10,7 @@ import numpy as np
 
 from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.effect import EVERYWHERE, Effect, FloatArray, Parameter
+from walkerkit.gap.effects.play import spring_damping
 from walkerkit.gap.simulation.gear_play import stiffest
 from walkerkit.gap.simulation.mount import carrier, made_mount, mounts, with_mount
 from walkerkit.gap.simulation.robot import Robot
@@ -71,16 +72,7 @@ class MountCompliance(Effect):
                 starts=tuple(compliance(frequency) for frequency in _RESONANCES),
                 inverse=("stiffness", "N·m/rad"),
             ),
-            Parameter(
-                name="damping_ratio",
-                unit="1",
-                zero=0.1,
-                lower=0.005,
-                upper=1.0,
-                scale=0.05,
-                starts=(0.1,) * len(_RESONANCES),
-                shape=True,
-            ),
+            spring_damping(len(_RESONANCES)),
         )
 
     def apply(self, trials: Trials, site: str, values: FloatArray) -> None:

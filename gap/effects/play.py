@@ -141,16 +141,7 @@ class SeriesElasticity(JointEffect):
                 starts=tuple(compliance(frequency) for frequency, _, _ in tries),
                 inverse=("stiffness", "N/m" if joint.slide else "N·m/rad"),
             ),
-            Parameter(
-                name="damping_ratio",
-                unit="1",
-                zero=0.1,
-                lower=0.005,
-                upper=1.0,
-                scale=0.05,
-                starts=(0.1,) * len(tries),
-                shape=True,
-            ),
+            spring_damping(len(tries)),
             _side(tries),
             *rotor,
         )
@@ -158,6 +149,20 @@ class SeriesElasticity(JointEffect):
     def apply(self, trials: Trials, site: str, values: FloatArray) -> None:
         """Adds to the compliance of the joint's play."""
         _add(trials, site, values, ("compliance", "damping_ratio", "load_side", "armature"), 0.0)
+
+
+def spring_damping(starts: int) -> Parameter:
+    """The damping ratio of a spring that several sizes are tried of."""
+    return Parameter(
+        name="damping_ratio",
+        unit="1",
+        zero=0.1,
+        lower=0.005,
+        upper=1.0,
+        scale=0.05,
+        starts=(0.1,) * starts,
+        shape=True,
+    )
 
 
 def _may_part(robot: Robot, joint: str) -> bool:

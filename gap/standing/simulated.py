@@ -128,8 +128,10 @@ def simulated(
 def _read(model: mujoco.MjModel, base: Base, records: dict[str, FloatArray]) -> Simulated:
     step = float(model.opt.timestep)
     qpos, pushed = records["qpos"], records["qfrc_constraint"]
-    turned = _matrices(qpos[..., base.qpos + 3 : base.qpos + 7])
-    about = np.einsum("...ij,...j->...i", turned, pushed[..., base.dof + 3 : base.dof + 6])
+    # Into the world's frame. Of what diverged scipy's rotations would raise.
+    w, axis = np.split(qpos[..., base.qpos + 3 : base.qpos + 7], [1], axis=-1)
+    own = pushed[..., base.dof + 3 : base.dof + 6]
+    about = own + 2 * np.cross(axis, np.cross(axis, own) + w * own)
     rows = max(1, round(_AVERAGED / step))
     force, moment = (
         uniform_filter1d(values, rows, axis=1)
@@ -143,14 +145,3 @@ def _read(model: mujoco.MjModel, base: Base, records: dict[str, FloatArray]) -> 
         moment=moment,
         place=qpos[..., base.qpos : base.qpos + 3],
     )
-
-
-def _matrices(quaternion: FloatArray) -> FloatArray:
-    """(..., 4) → (..., 3, 3) from the base's frame to the world's."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
