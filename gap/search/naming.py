@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ from walkerkit.gap.search.ordinary_effects import ground
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
 from walkerkit.gap.search.settle import robustly, without_the_wild
-from walkerkit.gap.search.slopes import Slopes, linearised, normal_equations
+from walkerkit.gap.search.slopes import linearised, normal_equations
 from walkerkit.gap.search.structure import (
     Fit,
     Structure,
@@ -321,49 +322,25 @@ class _Search:
     ) -> None:
         """Enters what some effects promise on top of a fit, or instead of what another has besides.
 
-        First where a few wild blocks do not outvote the rest, as they do not in the table; on feet
-        the other way round. Once the table prefers other rare effects, that is enough.
-
-        Args:
-            effects: those that may be added.
-            current: the fit.
-            instead_of: as for `proposals`.
-            always: as for `proposals`.
-            tamed: also look where wild blocks do not outvote the rest.
+        If tamed, also where a few wild blocks do not outvote the rest, as they do not in the table;
+        on feet, where a look takes long, only if the table prefers no other rare effects by then.
         """
-        problem, book, before = self._problem, self._book, self._book.best.fit.structure.rare
-
-        def found_by(half: Problem, start: Fit, slopes: Slopes) -> list[Fit]:
-            return proposals(
-                half,
-                start,
-                slopes,
-                effects,
-                self._progress,
-                instead_of=instead_of,
-                always=always,
-            )
-
-        def as_they_are() -> list[Fit]:
-            return found_by(problem, current, book.slopes(current))
-
-        def without_wild() -> list[Fit]:
-            problem.searched.look_at(current.case)
-            tame = without_the_wild(problem, current)
-            if tame is None:
-                return []
-            own = tame.fit.by_own_error(current)
-            its = book.slopes(current).trusting(tame.fit.objective, current)
-            again = found_by(tame, own, its)
-            problem.fit.refine(current)
-            return evaluate(problem.fit.objective, [(one.structure, one.values) for one in again])
-
-        ways = [as_they_are, without_wild] if tamed else [as_they_are]
-        for look in ways if problem.on_feet else reversed(ways):
-            for one in look():
-                book.add(one, beside=current)
-            if book.best.fit.structure.rare != before:
-                break
+        problem, book = self._problem, self._book
+        near, before = book.slopes(current), book.best.fit.structure.rare
+        found = partial(proposals, effects=effects, progress=self._progress, instead_of=instead_of)
+        for one in found(problem, current, near, always=always):
+            book.add(one, beside=current)
+        if not tamed or (problem.on_feet and book.best.fit.structure.rare != before):
+            return
+        tame = without_the_wild(problem, current)
+        if tame is None:
+            return
+        its = near.trusting(tame.fit.objective, current)
+        again = found(tame, tame.fit.by_own_error(current), its)
+        problem.fit.refine(current)
+        starts = [(one.structure, one.values) for one in again]
+        for one in evaluate(problem.fit.objective, starts):
+            book.add(one, beside=current)
 
 
 def _at_needed_places(problem: Problem, book: Book, full: Fit) -> Fit:
