@@ -137,7 +137,7 @@ class Book:
             if not running or others == _MOST_IN_THE_RUNNING:
                 break
             one = running[0]
-            promised = table.worth[table.members.index(one)]
+            promised = table.worth_of(one)
             by_itself.add(one.key)
             done = tried - {one.rare}
             alone = fitted(one, done)
@@ -148,7 +148,7 @@ class Book:
                 continue
             itself = self._put(one, alone, by_itself)
             by_itself.add(itself.key)
-            came = self.table.worth[self.table.members.index(itself)]
+            came = self.table.worth_of(itself)
             short[one.rare] = max(short.get(one.rare, 0.0), promised - came)
         self._among = by_itself
         self._forget_what_did_not_come(short)
@@ -162,7 +162,7 @@ class Book:
             tried: rare effects of what was fitted by itself.
         """
         table, known = self.table, self._among or set()
-        most = table.worth[table.members.index(self.best)]
+        most = table.worth_of(self.best)
         self._members = [
             member
             for member, worth in zip(table.members, table.worth, strict=True)

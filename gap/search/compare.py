@@ -66,7 +66,7 @@ class Member:
     @property
     def rare(self) -> Rare:
         """Of that what is rare."""
-        return frozenset(one for one in self.key if not _ordinary(one[0]))
+        return frozenset(one for one in self.effects.items() if not _ordinary(one[0]))
 
     @cached_property
     def log_prior(self) -> float:
@@ -124,6 +124,10 @@ class Table:
         prior = np.array([member.log_prior for member in self.members])
         worth: FloatArray = self.blocks.sum(axis=1) / TEMPERATURE + prior
         return worth
+
+    def worth_of(self, member: Member) -> float:
+        """That of one member."""
+        return float(self.worth[self.members.index(member)])
 
     @cached_property
     def weights(self) -> FloatArray:

@@ -31,23 +31,20 @@ class KnownError:
     error: NumericalError
     started: FloatArray | None
 
-    def is_near(self, structure: Structure, values: FloatArray) -> bool:
+    def is_near(self, structure: Structure, values: FloatArray, *, jumps: bool = False) -> bool:
         """Whether other values are nearly the same, so that their error is.
 
         Args:
             structure: what they are values of.
             values: (n_parameters,).
+            jumps: residuals jump, so that only the same values have the same error.
         """
         if structure.key != self.structure.key:
             return False
         # The error of a delay between two steps is another than that of whole steps.
-        late = np.array([slot.parameter.is_delay for slot in structure.slots], dtype=bool)
+        late = [jumps or slot.parameter.is_delay for slot in structure.slots]
         near = np.where(late, 0.0, _SAME_ERROR * structure.scale)
         return bool((np.abs(values - self.values) <= near).all())
-
-    def is_at(self, structure: Structure, values: FloatArray) -> bool:
-        """Whether other values are the same."""
-        return structure.key == self.structure.key and np.array_equal(values, self.values)
 
     @property
     def of_half(self) -> FloatArray:

@@ -231,9 +231,7 @@ class _Search:
 
     def compare(self) -> None:
         """Has what may be the best fitted by itself."""
-        self._book.fit_what_is_in_the_running(
-            lambda member, done: only_needed(self._problem, member, done)
-        )
+        self._book.fit_what_is_in_the_running(partial(only_needed, self._problem))
 
     def once_more(self, effects: Sequence[Effect], grown: Fit, begun: Begun) -> None:
         """Looks for rare effects again, where much of what was grown is not known to be there.

@@ -159,7 +159,7 @@ class Objective:
             finer: the same recordings at half the timestep.
         """
         at = case.structure, case.values[0]
-        near = [k for k in self._refined if (k.is_at(*at) if self.jumps else k.is_near(*at))]
+        near = [known for known in self._refined if known.is_near(*at, jumps=self.jumps)]
         known = near[0] if near else self._still_as(case, own, finer)
         if known is None:
             return False
@@ -247,7 +247,7 @@ class Objective:
             return
         for _ in range(_PASSES):
             left = own[None].copy()
-            self._take_out_the_one(left)
+            self._take_out(self.numerical, left)
             variance = self.mean_square(left[0]) + self.floor**2
             self.numerical = known.error.beside(Starts(*self.spans, known.started, variance))
 
@@ -420,21 +420,19 @@ class Objective:
         next: taken out of both, the values where it was found look better than all about them.
         """
         if not self._each_its_own:
-            self._take_out_the_one(residual)
+            self._take_out(self.numerical, residual)
             return
         ways, starts = self.numerical.ways, self.numerical.starts
         otherwise = _each_simulated([(self._finer[way], cases) for way in ways])
         for k, row in enumerate(residual):
             own = {way: each[k] for way, each in zip(ways, otherwise, strict=True)}
             error = NumericalError.of(row, own)
-            error = error if starts is None else error.beside(starts)
-            error.free(row[None])
-            if len(error.changes):
-                error.take_out(row[None], self._numerical_weights(row[None]))
+            self._take_out(error if starts is None else error.beside(starts), row[None])
 
-    def _take_out_the_one(self, residual: FloatArray) -> None:
-        self.numerical.free(residual)
-        self.take_out_factors(residual)
+    def _take_out(self, error: NumericalError, residual: FloatArray) -> None:
+        error.free(residual)
+        if len(error.changes):
+            error.take_out(residual, self._numerical_weights(residual))
 
     def take_out_factors(self, residual: FloatArray) -> None:
         """The same of residuals that are freed of what starts can make."""

@@ -150,7 +150,7 @@ class _Perturbed:
 def linearised(objective: Objective, one: Fit, *, part: float = _PERTURBATION) -> Slopes:
     """The slopes at a fit, and what they are with the numerical error in them.
 
-    Over a part of each number's scale.
+    Over a part of each number's scale; where residuals jump, over more of it to both sides.
     """
     (found,) = linearised_each([objective], [one], part=part, correct=False)
     found.keep(objective)
@@ -174,7 +174,7 @@ def linearised_each(
     """The slopes at every fit, simulated, or those of some of its numbers, zero for the others.
 
     Each for its own objective and over a part of the number's scale; with the numerical error in
-    them if not corrected. Where residuals jump, from moves to both sides.
+    them if not corrected. Where residuals jump, from moves over more of it to both sides.
     """
     if own is None:
         own = [np.arange(len(one.values)) for one in fits]

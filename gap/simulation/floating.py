@@ -1,8 +1,8 @@
 """A floating base in a replay: where it starts, and what its log would show.
 
 base = FloatingBase(robot, segments, states)
-pose, velocity = base.start(lead)         # (n, n_segments, 7) and (n, n_segments, 6)
-base.shown(poses, turning, segment, index)      # (n, rows, 9): base.SIGNALS
+pose, velocity = base.start(lead)             # (n, n_segments, 7) and (n, n_segments, 6)
+base.shown(poses, turning, segment, index)    # (n, rows, 9): base.SIGNALS
 
 In each log the ground is at the height that lets it carry the robot at the starts of the typical
 segment (`footing`), under every variant of the robot. So what the base does is compared, and not
@@ -29,7 +29,7 @@ from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.base import Base
 from walkerkit.gap.simulation.feet import find_feet
 from walkerkit.gap.simulation.footing import Footing
-from walkerkit.gap.simulation.interpolate import at_index
+from walkerkit.gap.simulation.interpolate import at_index, one_if_alike
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.start import rest
 from walkerkit.walkers.batch import LockStep
@@ -61,7 +61,9 @@ class FloatingBase:
         states: Mapping[int, MeasuredState],
     ):
         self.addresses = range(base.qpos, base.qpos + 7), range(base.dof, base.dof + 6)
-        self._ahead, self._segments = robot.velocity_ahead, segments
+        self._ahead = robot.velocity_ahead
+        self._starts = np.array([segment.start for segment in segments])
+        self._recording = np.array([id(segment.recording) for segment in segments])
         recordings = {id(segment.recording): segment.recording for segment in segments}
         # The ground is as high in all parts of a log.
         self._log = np.array([id(segment.recording.whole) for segment in segments])
@@ -84,12 +86,11 @@ class FloatingBase:
         Returns:
             (n, n_segments, 7) pose and (n, n_segments, 6) velocity.
         """
-        variants = lead[:1] if (lead == lead[:1]).all() else lead
+        (variants,) = one_if_alike(lead)
         pose, velocity = np.empty((*variants.shape, 7)), np.empty((*variants.shape, 6))
-        recordings = np.array([id(segment.recording) for segment in self._segments])
-        time = np.array([segment.start for segment in self._segments]) - variants
+        time = self._starts - variants
         for key, state in self._states.items():
-            own = recordings == key
+            own = self._recording == key
             found = state.at(time[:, own].ravel(), self._ahead)
             for whole, part in zip((pose, velocity), found, strict=True):
                 whole[:, own] = part.reshape(len(time), -1, part.shape[1])

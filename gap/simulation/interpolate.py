@@ -61,6 +61,12 @@ def _alike(ages: FloatArray) -> Iterator[tuple[slice, float]]:
             yield slice(s, s + 1), float(age)
 
 
+def one_if_alike(*values: FloatArray) -> tuple[FloatArray, ...]:
+    """Arrays with a row for each variant, or with one row where all variants are alike in all."""
+    alike = all((each == each[:1]).all() for each in values)
+    return tuple(each[:1] for each in values) if alike else values
+
+
 def at_index(
     series: FloatArray,
     segment: NDArray[np.intp],
@@ -84,8 +90,6 @@ def at_index(
     if instant is None:
         instant = index
     index = np.clip(index, 0, last)
-    if (index == index[:1]).all() and (instant == instant[:1]).all():
-        index, instant = index[:1], instant[:1]
     whole = np.minimum(index.astype(np.int64), last - 1)
     part = index - whole
     if jumps is not None:

@@ -15,7 +15,7 @@ from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
 from walkerkit.gap.simulation.floating import FloatingBase
-from walkerkit.gap.simulation.interpolate import delayed, made_delay
+from walkerkit.gap.simulation.interpolate import delayed, made_delay, one_if_alike
 from walkerkit.gap.simulation.mount import resting
 from walkerkit.gap.simulation.programs import rest_controls
 from walkerkit.gap.simulation.robot import Joint, Robot
@@ -223,7 +223,7 @@ class Group:
             shift: (n, n_segments, n_joints) by which it is shifted [s].
             off: (n, n_joints, 2) by which positions and velocities are off, in their errors.
         """
-        variants = shift[:1] if (shift == shift[:1]).all() else shift
+        (variants,) = one_if_alike(shift)
         qpos = np.empty(variants.shape)
         qvel = np.empty_like(qpos)
         for s, segment in enumerate(self.segments):

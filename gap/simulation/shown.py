@@ -2,7 +2,7 @@
 
 timing = Timing.of(group, trials)       # when to start them, for the log to have its rows
 shown = Shown(group=group, trials=trials, timing=timing, records=records, ...)
-shown.fill(out, channels)
+shown.joint(channel)                    # (n, n_rows)
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.recordings.base_state import SIGNALS, TURNING
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.floating import FloatingBase
-from walkerkit.gap.simulation.interpolate import at_index, jumps_at, nearest_step
+from walkerkit.gap.simulation.interpolate import at_index, jumps_at, nearest_step, one_if_alike
 from walkerkit.gap.simulation.reading import Reading
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.segment_group import Group
@@ -113,9 +113,7 @@ class Shown:
             age = timing.lead - timing.prompt[..., k]
         else:
             series, age = self._encoded(k, channel.signal), timing.lead - timing.behind[..., k]
-        rate, lead = timing.rate[..., k], timing.lead
-        if all((one == one[:1]).all() for one in (rate, age, lead)):
-            rate, age, lead = rate[:1], age[:1], lead[:1]
+        rate, age, lead = one_if_alike(timing.rate[..., k], age, timing.lead)
         at = (rate * self._time + age[:, self.group.segment]) / step
         if channel.signal != "effort":
             return at_index(series, self.group.segment, at)
@@ -146,7 +144,8 @@ class Shown:
             simulated = self.records["qvel"][..., base.addresses[1][3:]]
             spins = np.concatenate([velocity[:, :, None, 3:], simulated], axis=2)
         which = [SIGNALS.index(channel.signal) for channel in channels]
-        at = (self._time + self.timing.lead[:, self.group.segment]) / self._step
+        (lead,) = one_if_alike(self.timing.lead)
+        at = (self._time + lead[:, self.group.segment]) / self._step
         shown: FloatArray = base.shown(poses, spins, self.group.segment, at)[..., which]
         return shown
 

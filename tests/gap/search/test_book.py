@@ -36,10 +36,6 @@ def by_rare(book: Book) -> dict[Rare, list[Member]]:
     return found
 
 
-def worth(book: Book, member: Member) -> float:
-    return float(book.table.worth[book.table.members.index(member)])
-
-
 def test_slopes_are_believed_as_far_as_others_of_the_same_rare_effects_kept_to_them(
     leg: Problem,
 ) -> None:
@@ -47,7 +43,7 @@ def test_slopes_are_believed_as_far_as_others_of_the_same_rare_effects_kept_to_t
     right = book.add(rubbed(leg, "knee", "ankle"))
     other = book.add(rubbed(leg, "knee", "ankle", friction="viscous_friction"))
     promised = {
-        id(one): max(worth(book, m) for m in book.table.members if m.fit is one)
+        id(one): max(book.table.worth_of(m) for m in book.table.members if m.fit is one)
         for one in (right, other)
     }
     asked: list[Fit] = []
@@ -60,7 +56,7 @@ def test_slopes_are_believed_as_far_as_others_of_the_same_rare_effects_kept_to_t
         return poor
 
     book.fit_what_is_in_the_running(alone)
-    came = worth(book, book.best)
+    came = book.table.worth_of(book.best)
     assert came < promised[id(other)] < promised[id(right)]
     assert all(one is right for one in asked)
     assert max(book.table.worth) == came  # what the other promises is forgotten
@@ -72,7 +68,7 @@ def test_what_comes_down_to_rare_effects_of_another_is_no_member(leg: Problem) -
     single = [book.add(rubbed(leg, joint)) for joint in ("knee", "ankle")]
     members = by_rare(book)
     poor, good = sorted(
-        single, key=lambda one: max(worth(book, m) for m in members[rare_effects(one.structure)])
+        single, key=lambda one: max(map(book.table.worth_of, members[rare_effects(one.structure)]))
     )
     asked: list[tuple[Rare, set[Rare]]] = []
 
