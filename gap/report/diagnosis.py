@@ -300,7 +300,7 @@ class Diagnosis:
                 "after": gap.position.after,
                 "noise_floor": gap.position.noise_floor,
                 "numerical_floor": gap.position.numerical_floor,
-                "held_out": True,
+                "held_out": gap.held_out,
                 "joints": {
                     name: {
                         "before": size.before,

@@ -68,6 +68,8 @@ class GapSize:
 class Gap:
     """The gap of all joints, per joint and per signal, on recordings that no fit has seen.
 
+    Where nothing is named and the held-out recordings show no gap, it is that of the others.
+
     Attributes:
         position: over all joints.
         horizon: seconds after which replays restart from the measured state, or None for whole
@@ -80,6 +82,7 @@ class Gap:
         scored: those that effects are judged by, and have to explain.
         drier: friction that is as dry as it goes comes nearer to these recordings than a finer
             timestep alone, and is part of the numerical floors.
+        held_out: whether it is of recordings that no fit has seen.
     """
 
     position: GapSize
@@ -90,6 +93,7 @@ class Gap:
     finer_joints: Mapping[str, GapSize] = field(default_factory=dict)
     scored: tuple[str, ...] = ("position",)
     drier: bool = False
+    held_out: bool = True
 
     @property
     def besides(self) -> dict[str, GapSize]:

@@ -28,7 +28,6 @@ from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
 from walkerkit.gap.report.replayed import Replayed, gap_maps, gap_of, replay_half, traces
 from walkerkit.gap.report.replayed_motion import motions
 from walkerkit.gap.report.wording import telling
-from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.naming import Explanation
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
@@ -252,14 +251,13 @@ def _diagnosis(
     after = before
     if explanation.fit.structure.terms:
         after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
-    told, gap = "held", gap_of(problem, before["held"], after["held"])
+    gap = gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, explanation, after["held"], mended)
     verdict = _verdict(gap, named=bool(effects))
     if verdict == "no_gap" and not held_out_only:
         other = gap_of(problem, before["fit"], before["fit"])
         if _verdict(other, named=False) != verdict:
-            told, gap, verdict = "fit", other, "unexplained"
-    half: Half = getattr(problem, told)
+            gap, verdict = replace(other, held_out=False), "unexplained"
     maps = gap_maps(problem, before, after)
     of = {one.signal: one for one in maps}
     map_told = of.get(telling(gap)[0], of.get("position"))
@@ -285,7 +283,7 @@ def _diagnosis(
         seconds=0.0,
         searched=searched,
         only=only,
-        held_out=tuple(dict.fromkeys(r.name for group in half.recordings for r in group)),
+        held_out=tuple(dict.fromkeys(r.name for group in problem.held.recordings for r in group)),
     )
 
 

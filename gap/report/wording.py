@@ -259,6 +259,11 @@ def basis(diagnosis: Diagnosis) -> str:
         if gap.horizon is None
         else f"over windows of {gap.horizon:g} s that restart from the measured state"
     )
+    if not gap.held_out:
+        return (
+            f"Root-mean-square error {replay}, on what was fitted: it has a gap that the held-out "
+            f"{what} do not show."
+        )
     return f"Root-mean-square error, on held-out {what}, which no fit has seen, {replay}."
 
 
