@@ -65,7 +65,7 @@ class Beliefs:
         found = []
         for term in candidate_terms(effects, robots, joints):
             left = tuple(s for s in term.sites if not self._has(self.known, term, s, robots[0]))
-            doubted = any(self._has(self.doubted, term, s, robots[0]) for s in left)
+            doubted = frozenset(s for s in left if self._has(self.doubted, term, s, robots[0]))
             if left:
                 shared = term.shared and len(left) > 1
                 found.append(replace(term, sites=left, shared=shared, doubted=doubted))

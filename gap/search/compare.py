@@ -76,11 +76,10 @@ class Member:
         than a small one.
         """
         structure = self.fit.structure
-        doubted = {t.effect.name for t in structure.terms if t.doubted}
+        doubted = {(t.effect.name, p) for t in structure.terms for p in t.places if t.doubts(p)}
         kinds = sum(
-            log_prior(name, len(places))
+            log_prior(name, sum((name, place) not in doubted for place in places))
             for name, places in self.effects.items()
-            if name not in doubted
         )
         sized = [k for k in self.kept if not structure.slots[k].parameter.choice]
         away = structure.away(self.values)[sized]
@@ -88,8 +87,8 @@ class Member:
 
 
 def log_prior(effect: str, places: int) -> float:
-    """Log prior odds of an effect at so many places."""
-    return -PRICE_PLACE * places - (0.0 if _ordinary(effect) else PRICE_RARE)
+    """Log prior odds of an effect at so many places that are not doubted."""
+    return -PRICE_PLACE * places - (PRICE_RARE if places and not _ordinary(effect) else 0.0)
 
 
 def rare_effects(structure: Structure) -> Rare:

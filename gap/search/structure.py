@@ -30,18 +30,22 @@ class Term:
         effect: the effect.
         sites: joints or bodies, or `("*",)`.
         shared: one value for all sites instead of one each.
-        doubted: nobody knows its size, so that any is plausible.
+        doubted: the sites at which nobody knows its size, so that any is plausible.
     """
 
     effect: Effect
     sites: tuple[str, ...]
     shared: bool = False
-    doubted: bool = False
+    doubted: frozenset[str] = frozenset()
 
     @property
     def places(self) -> tuple[str, ...]:
         """Where each set of parameters belongs: the sites, or `*` for a shared one."""
         return (EVERYWHERE,) if self.shared else self.sites
+
+    def doubts(self, place: str) -> bool:
+        """Whether any size is plausible at a place."""
+        return self.doubted.issuperset(self.sites if self.shared else (place,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +129,9 @@ class Structure:
     @cached_property
     def prior(self) -> FloatArray:
         """(n_parameters,) widths of the priors, which are Student t about `zero`."""
-        return np.array([np.inf if s.term.doubted else s.parameter.prior for s in self.slots])
+        return np.array(
+            [np.inf if s.term.doubts(s.place) else s.parameter.prior for s in self.slots]
+        )
 
     def away(self, values: FloatArray) -> FloatArray:
         """(..., n_parameters) distances from zero, in widths of the priors."""

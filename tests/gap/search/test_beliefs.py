@@ -50,6 +50,16 @@ def test_what_is_doubted_has_no_prior(leg: Problem) -> None:
     assert np.isfinite(structure.prior[2:]).all()
 
 
+def test_what_is_doubted_at_a_joint_is_doubted_there_alone(leg: Problem) -> None:
+    doubting = replace(leg, beliefs=Beliefs.of(doubt=["position_gain:knee"]))
+    (gains,) = doubting.terms([CATALOGUE["position_gain"]])
+    apart = Structure((gains,), leg.robots)
+    assert [slot.place for slot in apart.slots] == ["knee", "ankle"]
+    assert np.isinf(apart.prior).tolist() == [True, False]
+    shared = Structure((replace(gains, shared=True),), leg.robots)
+    assert np.isfinite(shared.prior).all()
+
+
 def test_a_known_cause_is_not_named(leg: Problem) -> None:
     effects = [CATALOGUE[name] for name in ("viscous_friction", "armature", "coulomb_friction")]
     knowing = replace(leg, beliefs=Beliefs.of(known=["damping:knee"]))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import gammaln
 
 from tests.gap.search.test_naming import LEG, problem_of
+from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.compare import Member, Table, described, is_worth_a_name
 from walkerkit.gap.search.decision import (
     CONFUSION,
@@ -18,7 +21,7 @@ from walkerkit.gap.search.decision import (
 )
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.score import Scores
-from walkerkit.gap.search.structure import Fit
+from walkerkit.gap.search.structure import Fit, Structure, Term
 
 BLOCKS, ROWS = 40, 20
 FLOOR = 1e-3
@@ -86,6 +89,21 @@ def test_weights_go_with_the_prior_and_the_elpd(problem: Problem) -> None:
     assert rare.log_prior == -PRICE_RARE - PRICE_PLACE
     nothing = member(problem, {}, same)
     assert Table((nothing, usual)).best is nothing
+
+
+def test_what_is_doubted_costs_nothing_where_it_is_doubted(problem: Problem) -> None:
+    one = member(problem, {"payload": ("shin", "thigh")}, scores(0.01))
+
+    def doubting(*bodies: str) -> float:
+        sites = ("shin", "thigh")
+        term = Term(effect=CATALOGUE["payload"], sites=sites, doubted=frozenset(bodies))
+        structure = Structure((term,), problem.robots)
+        fit = replace(one.fit, structure=structure, values=structure.zero)
+        return replace(one, fit=fit, values=fit.values).log_prior
+
+    assert doubting() == one.log_prior
+    assert doubting("shin") - one.log_prior == pytest.approx(PRICE_PLACE)
+    assert doubting("shin", "thigh") == 0
 
 
 def test_confidence_is_the_weight_of_all_that_have_it(problem: Problem) -> None:
