@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import escape
 
@@ -13,6 +13,7 @@ WIDTH, HEIGHT = 340, 130  # of a panel
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 8, 8, 22
 _MOST_POINTS = 250
 _COLORS = {"before": "#9e9e9e", "after": "#1565c0", "difference": "#c62828"}
+_WORDS = {"before": "as it is", "after": "with the effect", "difference": "difference"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,15 +31,27 @@ class Panel:
     lines: Sequence[tuple[str, ArrayLike]]
 
 
-def drawing(title: str, panels: Sequence[Sequence[Panel]], x_label: str = "time [s]") -> str:
-    """Rows of panels with a title and a legend above them, as an SVG file."""
+def drawing(
+    title: str,
+    panels: Sequence[Sequence[Panel]],
+    x_label: str = "time [s]",
+    words: Mapping[str, str] = _WORDS,
+) -> str:
+    """Rows of panels with a title and a legend above them, as an SVG file.
+
+    Args:
+        title: above the panels.
+        panels: rows of them.
+        x_label: of all x axes.
+        words: what each line is called.
+    """
     width, height = WIDTH * len(panels[0]), HEIGHT * len(panels) + 40
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
         'font-family="sans-serif" font-size="10">',
         f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
         f'<text x="{_LEFT}" y="14" font-weight="bold">{escape(title)}</text>',
-        *_legend(width),
+        *_legend(width, words),
     ]
     for r, row in enumerate(panels):
         for c, panel in enumerate(row):
@@ -49,13 +62,11 @@ def drawing(title: str, panels: Sequence[Sequence[Panel]], x_label: str = "time 
     return "\n".join([*parts, "</svg>", ""])
 
 
-def _legend(width: int) -> list[str]:
-    words = {"before": "as it is", "after": "with the effect", "difference": "difference"}
-    return [
-        f'<text x="{width - 8 - 90 * k}" y="14" text-anchor="end" fill="{_COLORS[kind]}">'
-        f"{words[kind]}</text>"
-        for k, kind in enumerate(reversed(words))
+def _legend(width: int, words: Mapping[str, str]) -> list[str]:
+    spans = [
+        f'<tspan fill="{_COLORS[kind]}">{escape(word)}</tspan>' for kind, word in words.items()
     ]
+    return [f'<text x="{width - 8}" y="14" text-anchor="end">{" · ".join(spans)}</text>']
 
 
 def _panel(panel: Panel) -> list[str]:
@@ -80,7 +91,8 @@ def _panel(panel: Panel) -> list[str]:
         )
     middle = _TOP + down / 2
     for value, at in ((high, _TOP + 8), (low, _TOP + down)):
-        drawn.append(f'<text x="{_LEFT - 4}" y="{at}" text-anchor="end">{value:.3g}</text>')
+        told = 0.0 if abs(value) < 1e-3 * (high - low) else value
+        drawn.append(f'<text x="{_LEFT - 4}" y="{at}" text-anchor="end">{told:.3g}</text>')
     for value, at, anchor in ((x[0], _LEFT, "start"), (x[-1], _LEFT + across, "end")):
         drawn.append(
             f'<text x="{at}" y="{_TOP + down + 12}" text-anchor="{anchor}">{value:.3g}</text>'

@@ -28,6 +28,7 @@ from walkerkit.gap.report.planner import Plan, next_experiment, obstacle
 from walkerkit.gap.report.replayed import Replayed, gap_maps, gap_of, replay_half, traces
 from walkerkit.gap.report.replayed_motion import motions
 from walkerkit.gap.report.wording import telling
+from walkerkit.gap.search.compare import Table
 from walkerkit.gap.search.naming import Explanation
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
@@ -55,8 +56,7 @@ class Result:
         robots: the mended robots, one per experiment.
         problem: the comparison it was found with.
         fit: the named effects with their values.
-        comparison: a row for each structure that was fitted: what it has, its elpd, the difference
-            to the best with its standard error, its log prior and its weight.
+        table: every structure that was fitted.
         following: the next experiment with its targets, where there is one.
         stopgaps: learned drives, where no effect of the catalogue fits.
     """
@@ -65,7 +65,7 @@ class Result:
     robots: tuple[Robot, ...]
     problem: Problem
     fit: Fit
-    comparison: pd.DataFrame
+    table: Table
     following: Plan | None
     stopgaps: tuple[LearnedDrive, ...] = ()
 
@@ -82,6 +82,15 @@ class Result:
     def verdict(self) -> Verdict:
         """The verdict of the diagnosis, of which the next four are, too."""
         return self.diagnosis.verdict
+
+    @property
+    def comparison(self) -> pd.DataFrame:
+        """A row for each structure of the table, the most probable first.
+
+        What it has, its elpd, the difference to the best with its standard error, its log prior and
+        its weight.
+        """
+        return self.table.frame()
 
     @property
     def gap(self) -> Gap:
@@ -233,7 +242,7 @@ def summarise(
         robots=tuple(replace(robot, hold=problem.hold) for robot in mended),
         problem=problem,
         fit=explanation.fit,
-        comparison=explanation.table.frame(),
+        table=explanation.table,
         following=following,
     )
 

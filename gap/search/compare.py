@@ -27,7 +27,6 @@ from walkerkit.gap.search.decision import (
     LEAST_GAIN,
     PRICE_PLACE,
     PRICE_RARE,
-    TAILS,
     TEMPERATURE,
 )
 from walkerkit.gap.search.score import Scores
@@ -81,9 +80,7 @@ class Member:
             log_prior(name, sum((name, place) not in doubted for place in places))
             for name, places in self.effects.items()
         )
-        sized = [k for k in self.kept if not structure.slots[k].parameter.choice]
-        away = structure.away(self.values)[sized]
-        return kinds - 0.5 * (TAILS + 1) * float(np.log1p(away**2 / TAILS).sum())
+        return kinds - float(structure.surprise(self.values)[self.kept].sum())
 
 
 def log_prior(effect: str, places: int) -> float:

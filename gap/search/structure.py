@@ -128,9 +128,12 @@ class Structure:
 
     @cached_property
     def prior(self) -> FloatArray:
-        """(n_parameters,) widths of the priors, which are Student t about `zero`."""
+        """(n_parameters,) widths of the priors, about `zero`; infinite where any size is as good."""
         return np.array(
-            [np.inf if s.term.doubts(s.place) else s.parameter.prior for s in self.slots]
+            [
+                np.inf if s.parameter.choice or s.term.doubts(s.place) else s.parameter.prior
+                for s in self.slots
+            ]
         )
 
     def away(self, values: FloatArray) -> FloatArray:
@@ -139,12 +142,12 @@ class Structure:
         return found
 
     def surprise(self, values: FloatArray) -> FloatArray:
-        """(..., n_parameters) values → (...) minus the log density of their priors.
+        """(..., n_parameters) values → the same, what the size of each costs: log odds against it.
 
         Normal near zero, with the tails of the comparison: what is many times as large as is
         plausible is drawn to it the less, the larger it is.
         """
-        found: FloatArray = 0.5 * TAILS * np.log1p(self.away(values) ** 2 / TAILS).sum(axis=-1)
+        found: FloatArray = 0.5 * TAILS * np.log1p(self.away(values) ** 2 / TAILS)
         return found
 
     def prior_curvature(self, values: FloatArray) -> FloatArray:
