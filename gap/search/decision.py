@@ -1,7 +1,9 @@
 """The numbers that decide what is named. docs/decision.md says where each comes in.
 
-What is here decides; what is elsewhere in `search` (how many rivals are tried, when a fit has
-converged) only proposes, and may lose a name but never make one. Log odds are natural logarithms.
+What is here decides in the comparison. Elsewhere in `search` are numbers by which a search tries
+more or less, or a fit ends; these may lose a name but never make one. Three modules have decisions
+of their own: whether a timestep is named (`numerical.py`), how targets are read (`holds.py`) and
+how wide standard errors are (`certainty.py`). Log odds are natural logarithms.
 """
 
 from __future__ import annotations

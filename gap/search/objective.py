@@ -501,7 +501,8 @@ class Objective:
 
     def penalty(self, structure: Structure, values: FloatArray) -> FloatArray:
         """(n, n_parameters) values → (n,) what their priors add to the score."""
-        return structure.surprise(values).sum(axis=-1) / self.prior_samples
+        against: FloatArray = structure.surprise(values).sum(axis=-1)
+        return against / self.prior_samples
 
     def weights(self, mean_square: FloatArray) -> FloatArray:
         """(n_scored,) factors that make ½ Σ w r² change as the score does near these gaps."""

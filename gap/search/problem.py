@@ -335,10 +335,10 @@ class _Making:
         self.robots = tuple(
             replace(
                 robot,
-                excursions=excursions(robot, fit or held, self.joints),
-                met=met(robot, fit or held),
+                excursions=excursions(robot, fit or seen, self.joints),
+                met=met(robot, fit or seen),
             )
-            for robot, fit, held in zip(robots, fitted, held_out, strict=True)
+            for robot, fit in zip(robots, fitted, strict=True)
         )
         self._on_feet = any(robot.base for robot in self.robots)
         joined = max(largest(robot) for robot in self.robots)

@@ -128,7 +128,7 @@ class Structure:
 
     @cached_property
     def prior(self) -> FloatArray:
-        """(n_parameters,) widths of the priors, about `zero`; infinite where any size is as good."""
+        """(n_parameters,) widths about `zero` of the priors; infinite where any size is as good."""
         return np.array(
             [
                 np.inf if s.parameter.choice or s.term.doubts(s.place) else s.parameter.prior

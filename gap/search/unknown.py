@@ -1,6 +1,6 @@
-"""The member of every comparison that the catalogue does not have: a free effort at each joint.
+"""What the catalogue does not have: a free effort at each joint, against what was named without.
 
-    unknown_weight(problem, robots)     # of the structures with a free effort
+    unknown_weight(problem, robots)     # of the structure with a free effort beside what was named
 
 A smooth function of a joint's motion and effort, of which nothing is known but that it is smooth,
 predicts the effort that the simulation lacks in blocks of time that it has not seen. Where it does,

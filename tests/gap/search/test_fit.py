@@ -809,7 +809,8 @@ class TestCovariance:
         tried = structure([pendulum()], position_gain=["hip"], torque_bias=["hip"])
         for far in (0.3, 30.0):
             values = tried.zero + far * tried.prior
-            steep = approx_fprime(values, lambda at: tried.surprise(at).sum(), 1e-6 * tried.prior) * tried.scale
+            slopes = approx_fprime(values, lambda at: tried.surprise(at).sum(), 1e-6 * tried.prior)
+            steep = slopes * tried.scale
             normal = tried.prior_curvature(values) * (values - tried.zero) / tried.scale
             np.testing.assert_allclose(normal, steep, rtol=1e-4)
 
