@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,11 +65,24 @@ def excursions(
             upper=float(position.min()) + max(float(np.ptp(position)), _SMALLEST),
             velocity=_peak(velocity),
             acceleration=_peak(acceleration),
-            effort=max(measured or guessed),
+            effort=max(
+                measured if measured and robot.joints[joint].commanded else measured + guessed
+            ),
             duration=max(float(np.ptp(r.whole.time)) for r in logs),
             voltage=voltage,
             prominent=functools.partial(prominent, joint),
         )
+    return _through_loops(robot, found)
+
+
+def _through_loops(robot: Robot, found: dict[str, Excursion]) -> dict[str, Excursion]:
+    """The same, with the efforts of drives at the joints that these move through loops."""
+    driven = {joint for joint in found if robot.joints[joint].commanded}
+    if not driven or not robot.loops.any:
+        return found
+    most = max(found[joint].effort for joint in driven)
+    for joint in (robot.loops.holds(driven) & found.keys()) - driven:
+        found[joint] = replace(found[joint], effort=max(found[joint].effort, most))
     return found
 
 

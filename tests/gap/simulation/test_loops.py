@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.robots.written import WRITTEN
 from tests.gap.simulation.own_log import gaps, own_log
+from walkerkit import gap
 from walkerkit.gap.simulation.loops import Loops, held_by_loops
 
 FOUR_BAR, LEG, MIMIC = WRITTEN["four_bar"], WRITTEN["leg_with_a_rod"], WRITTEN["mimic"]
@@ -55,6 +56,28 @@ def test_alike_states_are_solved_alike():
     found, _ = Loops(model).closed(qpos, qvel, [0])
     np.testing.assert_array_equal(found, found[:1].repeat(3, axis=0))
     assert abs(found[0, 2] - 0.3) < 1e-3  # a parallelogram
+
+
+def test_friction_in_a_loop_is_named(tmp_path):
+    """At a joint without a drive, as much as only the drives through the loop can move."""
+    path = tmp_path / "leg.xml"
+    path.write_text(LEG)
+    spec = mujoco.MjSpec.from_string(LEG)
+    ankle = spec.joint("ankle")
+    ankle.frictionloss, ankle.solref_friction = 0.3, [0.004, 1]
+    ankle.solimp_friction = [0.99, 0.999, 0.001, 0.5, 2]  # as dry as it goes
+    rng, logs = np.random.default_rng(0), []
+    for seed in range(3):
+        columns = own_log(spec.compile(), rows=300, seed=seed, scale=0.3)
+        time = columns.pop("time")
+        for name in [name for name in columns if name.endswith("/position")]:
+            columns[name] += 1e-4 * rng.standard_normal(len(time))
+        logs.append(gap.Recording(name=f"log{seed}", time=time, columns=columns))
+    few = ["coulomb_friction", "viscous_friction", "payload"]
+    found = gap.diagnose(path, logs, effects=few, n_threads=1).effects
+    (friction,) = [one for one in found if one.effect == "coulomb_friction"]
+    assert friction.joints == ("ankle",)
+    assert friction.parameters[0].value == pytest.approx(0.3, rel=0.1)
 
 
 def test_without_constraints_there_is_nothing_to_close():
