@@ -33,15 +33,14 @@ def afresh(
 
     Args:
         half: the recordings that are looked at.
-        current: a fit of what is ordinary.
+        current: a fit of what is ordinary, and of what came with it, which is left out.
         terms: rare effects. What all joints share is also tried with a value for each.
         most: of them that begin.
 
     Returns:
         Structures that have all that is ordinary, too, with that at its zero.
     """
-    objective = half.objective
-    given = replace(current, values=current.structure.zero)
+    objective, given = half.objective, as_given(current)
     apart = [replace(term, shared=False) for term in terms if term.shared and len(term.sites) > 1]
     tries = [tries_of(given, term) for term in (*terms, *apart)]
     own, *found = objective.mean_squares([given.case, *(one.at_once(given) for one in tries)])
@@ -63,6 +62,13 @@ def afresh(
     begun = evaluate(objective, starts)
     order = sorted(range(len(starts)), key=lambda k: begun[k].score)
     return [starts[k] for k in order[:most]]
+
+
+def as_given(current: Fit) -> Fit:
+    """The model as given, with the ordinary numbers of a fit at their zeros."""
+    ordinary = tuple(term for term in current.structure.terms if term.effect.ordinary)
+    plain = replace(current.structure, terms=ordinary)
+    return replace(current, structure=plain, values=plain.zero)
 
 
 def _start(given: Fit, term: Term, chosen: dict[str, FloatArray]) -> tuple[Structure, FloatArray]:

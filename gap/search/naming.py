@@ -217,11 +217,13 @@ class _Search:
         self._problem, self._book, self._effort = problem, book, effort
         self._progress = effort.checked(progress)
         self._others: dict[str, tuple[Fit, Fit]] = {}  # of an effect: a fit, and that without it
+        self._aside: frozenset[str] = frozenset()  # rare effects that came with the ground
 
     def rare(self, effects: Sequence[Effect], current: Fit) -> None:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
         current = self._worth_their_names(current)
         begun = current.structure.rare  # of a floating base, which no other met
+        self._aside = frozenset(term.effect.name for term in begun)
         current = self._grown(effects, current)
         for _ in range(_EXCHANGES):
             self._exchange(effects, current, begun)
@@ -257,15 +259,22 @@ class _Search:
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
         """The structure that the table prefers, with as many rare effects as it wants."""
         problem, book = self._problem, self._book
-        while not problem.leaves_nothing(current) and len(current.structure.rare) < MOST_RARE:
-            if not self._effort.allows(f"{_NTH[len(current.structure.rare)]} rare effect"):
+        met: set[object] = set()
+        while not problem.leaves_nothing(current) and self._beside_the_ground(current) < MOST_RARE:
+            if not self._effort.allows(f"{_NTH[self._beside_the_ground(current)]} rare effect"):
                 break
+            met.add(current.structure.key)
             self._propose(effects, current)
             best = book.best.fit
-            if len(best.structure.rare) <= len(current.structure.rare):
+            if best.structure.key in met:
                 break
+            met.add(best.structure.key)
             current = _at_needed_places(problem, book, best)
         return current
+
+    def _beside_the_ground(self, current: Fit) -> int:
+        """How many rare effects a fit has that did not come with the ground."""
+        return sum(term.effect.name not in self._aside for term in current.structure.rare)
 
     def _worth_their_names(self, current: Fit) -> Fit:
         """A fit without those of its rare effects that are worth no name."""
@@ -325,9 +334,15 @@ class _Search:
         """
         problem, book = self._problem, self._book
         near, before = book.slopes(current), book.best.fit.structure.rare
-        found = partial(proposals, effects=effects, progress=self._progress, instead_of=instead_of)
+        found = partial(
+            proposals,
+            effects=effects,
+            progress=self._progress,
+            instead_of=instead_of,
+            aside=self._aside,
+        )
         for one in found(problem, current, near, always=always):
-            book.add(one, beside=current)
+            self._enter(one, current)
         if not tamed or (problem.on_feet and book.best.fit.structure.rare != before):
             return
         tame = without_the_wild(problem, current)
@@ -338,7 +353,20 @@ class _Search:
         problem.fit.refine(current)
         starts = [(one.structure, one.values) for one in again]
         for one in evaluate(problem.fit.objective, starts):
-            book.add(one, beside=current)
+            self._enter(one, current)
+
+    def _enter(self, one: Fit, beside: Fit) -> None:
+        """Enters a fit into the book, without those of its rare effects that are no estimates.
+
+        What stood in for a rare effect is none any more beside it.
+        """
+        problem, book = self._problem, self._book
+        one = book.add(one, beside=beside)
+        if book.has(one) or one.score > book.best.fit.score - LEAST_GAIN:
+            return
+        known = all_estimated(problem, one, rare=True)
+        if known.structure.rare and known.structure.key != one.structure.key:
+            book.add(known, beside=beside)
 
 
 def _at_needed_places(problem: Problem, book: Book, full: Fit) -> Fit:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
-from walkerkit.gap.search.afresh import afresh
+from walkerkit.gap.search.afresh import afresh, as_given
 from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
@@ -48,6 +48,7 @@ def proposals(
     *,
     always: Collection[str] = (),
     instead_of: Fit | None = None,
+    aside: Collection[str] = (),
 ) -> list[Fit]:
     """Fits the effects that promise most on top of a fit.
 
@@ -60,6 +61,8 @@ def proposals(
         always: names of effects that are fitted whatever they promise.
         instead_of: the fit with an effect that these are to stand in for: what promises little of
             what that brings is not fitted.
+        aside: names of rare effects that came with the ground. Where the fit has no others, effects
+            also begin on the model as given, without these.
 
     Returns:
         Fits to all recordings that are fitted, best first.
@@ -70,7 +73,7 @@ def proposals(
     stage = f"{len(terms)} candidates beside {len(current.structure.rare)} named"
     if progress:
         progress(stage, 0.0)
-    starts, there = _started(problem, current, terms, always, instead_of, progress, stage)
+    starts, there = _started(problem, current, terms, always, instead_of, aside, progress, stage)
     if not starts:
         return []
     problem.fit.refine(current)
@@ -92,6 +95,7 @@ def _started(
     terms: Sequence[Term],
     always: Collection[str],
     instead_of: Fit | None,
+    aside: Collection[str],
     progress: Progress | None,
     stage: str,
 ) -> tuple[list[Fit], Fit]:
@@ -104,8 +108,8 @@ def _started(
     chosen = _chosen(problem, view, always, least)
     if instead_of is None:
         chosen += [view.start(pair) for pair in _pairs(view)]
-    if not current.structure.rare and not problem.on_feet:
-        chosen += afresh(problem.screen, current, terms, most=_BY_START)
+        if {term.effect.name for term in current.structure.rare} <= {*aside}:
+            chosen += _afresh(problem, current, terms)
     if not chosen:
         return [], current
     *begun, there = evaluate(screen, [*chosen, (current.structure, current.values)])
@@ -120,6 +124,23 @@ def _started(
         stage=stage,
     )
     return starts, there
+
+
+def _afresh(
+    problem: Problem, current: Fit, terms: Sequence[Term]
+) -> list[tuple[Structure, FloatArray]]:
+    """Where the effects begin that leave least on the model as given."""
+    if not problem.on_feet:
+        return afresh(problem.screen, current, terms, most=_BY_START)
+    # One joint moves all others, so that each effect is seen place by place.
+    objective, given = problem.screen.objective, as_given(current)
+    (given,) = evaluate(objective, [(given.structure, given.values)])
+    problem.screen.refine(given)
+    starts = _chosen(problem, look(problem.screen, given, terms), (), 0.0)
+    problem.screen.refine(current)
+    begun = evaluate(objective, starts)
+    order = sorted(range(len(starts)), key=lambda k: begun[k].score)
+    return [starts[k] for k in order[:_BY_START]]
 
 
 def _promising(
@@ -230,8 +251,16 @@ def _chosen(
     score = {i: one.score for i, one in zip(able, started, strict=True)}
     by_start = [i for i in sorted(able, key=score.__getitem__) if score[i] < view.score - least]
     kept = dict.fromkeys([*named, *by_promise, *by_start[:_BY_START]])
+    shared = [view.shared_out(i) for i in kept]
+    begun = evaluate(problem.screen.objective, shared)
+    better = [
+        start
+        for i, start, one in zip(kept, shared, begun, strict=True)
+        if one.score < min(score[i], view.score - least)
+    ]
     instead = (view.instead(i) for i in kept)
-    return [*(view.start([i]) for i in kept), *(one for one in instead if one is not None)]
+    others = (one for one in instead if one is not None)
+    return [*(view.start([i]) for i in kept), *better, *others]
 
 
 def _pairs(view: View) -> list[tuple[int, int]]:

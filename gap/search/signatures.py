@@ -140,6 +140,20 @@ class View:
             structure = extended
         return structure, np.clip(values, *structure.bounds)
 
+    def shared_out(self, member: int) -> tuple[Structure, FloatArray]:
+        """As `start` of one, with as much of it at each place as goes best with the other places.
+
+        Where one place moves all others, all of it everywhere is far from what is right.
+        """
+        structure, values = self.start([member])
+        candidate = self.candidates[member]
+        _, x = self._solved([*range(len(self._nuisance)), *candidate.columns])
+        for column, share in zip(candidate.columns, x[len(self._nuisance) :], strict=True):
+            place, at = self._places[column]
+            own = structure.columns(candidate.term, place)
+            values[own] = structure.zero[own] + share * (at - structure.zero[own])
+        return structure, np.clip(values, *structure.bounds)
+
     def instead(self, member: int) -> tuple[Structure, FloatArray] | None:
         """As `start` of one, in place of what of the ordinary changes the same of the residual.
 
@@ -243,10 +257,15 @@ class View:
         self._along = np.concatenate([self._along, along], axis=1)
 
     def _score(self, columns: Sequence[int]) -> float:
+        mean_square, _ = self._solved(columns)
+        return float(self._objective.score(mean_square))
+
+    def _solved(self, columns: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """(n_scored,) mean squares beside as much of some columns as goes best, (k,) of each."""
         gram, along, square = self._gram, self._along, self._square
         objective = self._objective
         mean_square = square / objective.count
-        k = np.asarray(columns, dtype=np.intp)
+        k, x = np.asarray(columns, dtype=np.intp), np.zeros(len(columns))
         if k.size:
             gram, along = gram[:, k[:, None], k], along[:, k]
             first = len(self._nuisance) - len(self._bounded)
@@ -262,7 +281,7 @@ class View:
                     x = _within(matrix, target, x, bounded, low, high)
                 left = square + 2 * along @ x + np.einsum("i,cij,j->c", x, gram, x)
                 mean_square = np.maximum(left, 0) / objective.count
-        return float(objective.score(mean_square))
+        return mean_square, x
 
 
 def _enlarged(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
