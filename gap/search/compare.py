@@ -126,9 +126,18 @@ class Table:
         return float(self.worth[self.members.index(member)])
 
     @cached_property
+    def once(self) -> NDArray[np.bool_]:
+        """(n,) the best of those that are the same structure, which may end several fits."""
+        best: dict[Hashable, int] = {}
+        for k in np.argsort(-self.worth, kind="stable"):
+            best.setdefault(self.members[k].key, int(k))
+        return np.isin(np.arange(len(self.members)), [*best.values()])
+
+    @cached_property
     def weights(self) -> FloatArray:
-        """(n,) posterior weights; they add up to 1."""
+        """(n,) posterior weights; they add up to 1, and each structure has its own once."""
         prior = np.array([member.log_prior for member in self.members])
+        prior[~self.once] = -np.inf
         count = self.blocks.shape[1]
         drawn = np.random.default_rng(_SEED).dirichlet(np.ones(count), size=_DRAWS)
         logs = count * self.blocks @ drawn.T / TEMPERATURE + prior[:, None]
@@ -218,6 +227,7 @@ class Table:
                 "weight": self.weights,
             }
         )
+        table = table[self.once]
         return table.sort_values("weight", ascending=False, kind="stable", ignore_index=True)
 
 

@@ -106,6 +106,16 @@ def test_what_is_doubted_costs_nothing_where_it_is_doubted(problem: Problem) -> 
     assert doubting("shin", "thigh") == 0
 
 
+def test_a_structure_that_several_fits_end_at_counts_once(problem: Problem) -> None:
+    usual = member(problem, {"armature": ("knee",)}, scores(0.01))
+    rare = member(problem, {"payload": ("shin",)}, scores(0.01))
+    worse = replace(rare, scores=scores(0.0101))
+    once, twice = Table((usual, rare)), Table((usual, worse, rare))
+    assert twice.weights[[0, 2]] == pytest.approx(once.weights)
+    assert twice.weights[1] == 0
+    assert len(twice.frame()) == 2
+
+
 def test_confidence_is_the_weight_of_all_that_have_it(problem: Problem) -> None:
     good, bad = scores(0.01), scores(0.05)
     table = Table(
