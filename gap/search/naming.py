@@ -356,13 +356,14 @@ class _Search:
             self._enter(one, current)
 
     def _enter(self, one: Fit, beside: Fit) -> None:
-        """Enters a fit into the book, without those of its rare effects that are no estimates.
+        """Enters a fit into the book, if need be without rare effects of the fit beside it.
 
-        What stood in for a rare effect is none any more beside it.
+        What stood in for a rare effect is no estimate any more beside that.
         """
         problem, book = self._problem, self._book
         one = book.add(one, beside=beside)
-        if book.has(one) or one.score > book.best.fit.score - LEAST_GAIN:
+        promises = one.score < book.best.fit.score - LEAST_GAIN
+        if book.has(one) or not beside.structure.rare or not promises:
             return
         known = all_estimated(problem, one, rare=True)
         if known.structure.rare and known.structure.key != one.structure.key:
