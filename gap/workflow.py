@@ -277,6 +277,16 @@ def _search(
         progress("writing up", 0.0)
     only = None if len(chosen) == len(CATALOGUE) else tuple(effect.name for effect in chosen)
     result = summarise(problem, explanation, mended, seconds=0.0, only=only)
+    held_out_alone = not explanation.searched and result.verdict == "unexplained"
+    if held_out_alone and chosen and result.gap.held_out and setup.may_split_in_time:
+        again = _search(setup.split_in_time(), chosen, progress, effort, first)
+        names = ", ".join(result.diagnosis.held_out)
+        moved = (
+            f"{names} alone shows a gap, and was to be held out. So that it can be fitted, blocks "
+            "of time of all recordings are held out instead."
+        )
+        notes = (moved, *again.diagnosis.notes)
+        return replace(again, diagnosis=replace(again.diagnosis, notes=notes))
     notes = (*left_out, *_untried(explanation, effort), *result.diagnosis.notes)
     return with_hints(replace(result, diagnosis=replace(result.diagnosis, notes=notes)))
 

@@ -302,6 +302,21 @@ def test_what_the_held_out_recording_does_not_show_is_not_missed(servo: Path) ->
     assert (declared.effects, declared.gap) == (found.effects, found.gap)
 
 
+def test_what_a_held_out_recording_alone_shows_is_fitted_in_blocks_of_time(servo: Path) -> None:
+    """The motor saturates in the one recording that would be held out."""
+    hidden = [hide("effort_limit", forcerange=0.8)]
+    still, slow, fast = run_hardware(servo, targets(), rate=RATE, hidden=hidden, seed=1)
+    few = ["effort_limit", "armature"]
+    logs = [still, slow, fast]
+    found = diagnose(servo, logs, effects=few)
+    assert [named.effect for named in found.effects] == ["effort_limit"]
+    assert values(found.effects[0]) == pytest.approx({"limit": 0.8}, rel=0.02)
+    assert found.notes[0].startswith(f"{fast.name} alone shows a gap")
+    # Whoever says so has it held out, and is told what remains.
+    told = diagnose(servo, logs, held_out=[fast], effects=few)
+    assert (told.verdict, told.effects) == ("unexplained", ())
+
+
 def test_hardware_at_another_timestep_has_no_gap(
     servo: Path, logs: Callable[..., list[Recording]]
 ) -> None:
