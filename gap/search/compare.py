@@ -80,7 +80,8 @@ class Member:
             log_prior(name, sum((name, place) not in doubted for place in places))
             for name, places in self.effects.items()
         )
-        return kinds - float(structure.surprise(self.values)[self.kept].sum())
+        sized = [k for k in self.kept if not structure.slots[k].parameter.choice]
+        return kinds - float(structure.surprise(self.values)[sized].sum())
 
 
 def log_prior(effect: str, places: int) -> float:

@@ -266,7 +266,7 @@ class _Search:
             met.add(current.structure.key)
             self._propose(effects, current)
             best = book.best.fit
-            if best.structure.key in met:
+            if best.structure.key in met or not _is_more(best, current):
                 break
             met.add(best.structure.key)
             current = _at_needed_places(problem, book, best)
@@ -368,6 +368,12 @@ class _Search:
         known = all_estimated(problem, one, rare=True)
         if known.structure.rare and known.structure.key != one.structure.key:
             book.add(known, beside=beside)
+
+
+def _is_more(one: Fit, current: Fit) -> bool:
+    """Whether a fit has more rare effects than another, or others."""
+    its, known = ({t.effect.name for t in each.structure.rare} for each in (one, current))
+    return len(one.structure.rare) > len(current.structure.rare) or not its <= known
 
 
 def _at_needed_places(problem: Problem, book: Book, full: Fit) -> Fit:

@@ -130,10 +130,7 @@ class Structure:
     def prior(self) -> FloatArray:
         """(n_parameters,) widths about `zero` of the priors; infinite where any size is as good."""
         return np.array(
-            [
-                np.inf if s.parameter.choice or s.term.doubts(s.place) else s.parameter.prior
-                for s in self.slots
-            ]
+            [np.inf if s.term.doubts(s.place) else s.parameter.prior for s in self.slots]
         )
 
     def away(self, values: FloatArray) -> FloatArray:
