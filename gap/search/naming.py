@@ -339,7 +339,7 @@ class _Search:
             effects=effects,
             progress=self._progress,
             instead_of=instead_of,
-            aside=self._aside,
+            aside=self._aside if instead_of is None else (),
         )
         for one in found(problem, current, near, always=always):
             self._enter(one, current)

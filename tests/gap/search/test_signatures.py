@@ -79,6 +79,19 @@ def test_a_pair_promises_what_neither_does_alone(seen: Look) -> None:
     assert (values > 0).all()
 
 
+def test_what_goes_best_at_all_joints_together_starts_near_the_truth(seen: Look) -> None:
+    """A torque at one joint moves the other; each by itself, both start far from what is right."""
+    problem, view, terms = seen(
+        hide("torque_bias", "knee", bias=0.3), hide("torque_bias", "ankle", bias=-0.05)
+    )
+    own = index(terms, "torque_bias")
+    structure, values = view.shared_out(own)
+    assert [slot.place for slot in structure.slots] == ["knee", "ankle"]
+    assert values == pytest.approx([0.3, -0.05], rel=0.15)
+    shared, apart = evaluate(problem.screen.objective, [(structure, values), view.start([own])])
+    assert shared.score < apart.score - 0.5
+
+
 def test_more_can_only_promise_more(seen: Look) -> None:
     _, view, terms = seen(hide("position_gain", "knee", delta_kp=5.0))
     for i in range(len(terms)):
