@@ -18,8 +18,8 @@ from _plot import Panel, drawing
 from walkerkit import gap
 from walkerkit.gap.search.compare import Table
 from walkerkit.gap.search.decision import TEMPERATURE
+from walkerkit.gap.search.objective import BLOCK
 
-BLOCK = 0.5  # s
 WITHOUT = "torque_bias"
 CHANNEL = "FL_hip"
 

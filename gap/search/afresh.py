@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.half import Half
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.signatures import tries_of
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
 
@@ -59,6 +60,13 @@ def afresh(
                 chosen[place] = one.values[here[int(np.argmax(merit))]]
         if chosen:
             starts.append(_start(given, one.term, chosen))
+    return that_leave_least(objective, starts, most)
+
+
+def that_leave_least(
+    objective: Objective, starts: Sequence[tuple[Structure, FloatArray]], most: int
+) -> list[tuple[Structure, FloatArray]]:
+    """So many starts with the smallest scores, the smallest first."""
     begun = evaluate(objective, starts)
     order = sorted(range(len(starts)), key=lambda k: begun[k].score)
     return [starts[k] for k in order[:most]]

@@ -260,8 +260,9 @@ class _Search:
         """The structure that the table prefers, with as many rare effects as it wants."""
         problem, book = self._problem, self._book
         met: set[object] = set()
-        while not problem.leaves_nothing(current) and self._beside_the_ground(current) < MOST_RARE:
-            if not self._effort.allows(f"{_NTH[self._beside_the_ground(current)]} rare effect"):
+        while not problem.leaves_nothing(current):
+            count = self._beside_the_ground(current)
+            if count >= MOST_RARE or not self._effort.allows(f"{_NTH[count]} rare effect"):
                 break
             met.add(current.structure.key)
             self._propose(effects, current)
@@ -339,7 +340,7 @@ class _Search:
             effects=effects,
             progress=self._progress,
             instead_of=instead_of,
-            aside=self._aside if instead_of is None else (),
+            aside=self._aside,
         )
         for one in found(problem, current, near, always=always):
             self._enter(one, current)

@@ -41,7 +41,7 @@ _COARSE = 6  # times the floor; changes by more, of a finer timestep, a still fi
 _LEAST_FLOOR = 1e-9  # of logs without any noise
 _PASSES = 3  # of freeing a gap of errors of its starts, and finding what is left of it
 _SAMPLES_OF_PRIOR = 10  # for each that is independent
-_BLOCK = 0.5  # s; longer than the memory of a joint's error
+BLOCK = 0.5  # s; longer than the memory of a joint's error
 _FOLDS = 10  # of cross-validation
 
 
@@ -644,7 +644,7 @@ def _per_case(residual: FloatArray, cases: Sequence[Case]) -> list[FloatArray]:
 def _blocks(replays: Sequence[Replay]) -> NDArray[np.int64]:
     labels, offset = [], 0
     for replay in replays:
-        within = (replay.time_of_row / _BLOCK).astype(np.int64)
+        within = (replay.time_of_row / BLOCK).astype(np.int64)
         new = np.diff(within, prepend=-1) | np.diff(replay.segment_of_row, prepend=0)
         label = offset + np.cumsum(new != 0) - 1
         labels.append(label)

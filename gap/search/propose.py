@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect
-from walkerkit.gap.search.afresh import afresh, as_given
+from walkerkit.gap.search.afresh import afresh, as_given, that_leave_least
 from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
@@ -138,9 +138,7 @@ def _afresh(
     problem.screen.refine(given)
     starts = _chosen(problem, look(problem.screen, given, terms), (), 0.0)
     problem.screen.refine(current)
-    begun = evaluate(objective, starts)
-    order = sorted(range(len(starts)), key=lambda k: begun[k].score)
-    return [starts[k] for k in order[:_BY_START]]
+    return that_leave_least(objective, starts, _BY_START)
 
 
 def _promising(

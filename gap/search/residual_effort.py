@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, whole
 from walkerkit.gap.recordings.state import MeasuredState
+from walkerkit.gap.search.objective import BLOCK
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are
 from walkerkit.gap.simulation.robot import Robot
@@ -40,7 +41,6 @@ _FEWEST_STEPS = 4  # samples of the log
 _MARGIN = 0.1  # s at both ends of a recording, where smoothing is one-sided
 _MOST = 400  # windows of fitted, and of held-out recordings
 _TOGETHER = 80  # windows simulated at once, which keep a second of past commands each
-_BLOCK = 0.5  # s; longer than the memory of a joint's error
 _PUSH = 0.05  # of the joint's peak effort
 _SOFT = 1e-9  # N·m/rad of the spring that pushes
 _STUCK = 0.2  # of the usual answer to a push
@@ -115,9 +115,9 @@ def residual_effort(
                     same = [replace(segment, recording=own) for segment in segments]
                     part["lacking"] -= _lacking(problem, robot, same, joints)
                 part["held_out"] = np.full(len(segments), held_out)
-                part["block"] = blocks + (part["time"] - recording.time[0]) // _BLOCK
+                part["block"] = blocks + (part["time"] - recording.time[0]) // BLOCK
                 parts.append(part)
-            blocks += int((recording.time[-1] - recording.time[0]) / _BLOCK) + 1
+            blocks += int((recording.time[-1] - recording.time[0]) / BLOCK) + 1
     if not parts:
         return None
     found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

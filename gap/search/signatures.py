@@ -149,10 +149,16 @@ class View:
         candidate = self.candidates[member]
         _, x = self._solved([*range(len(self._nuisance)), *candidate.columns])
         for column, share in zip(candidate.columns, x[len(self._nuisance) :], strict=True):
-            place, at = self._places[column]
-            own = structure.columns(candidate.term, place)
-            values[own] = structure.zero[own] + share * (at - structure.zero[own])
+            self._give(structure, values, candidate.term, column, share)
         return structure, np.clip(values, *structure.bounds)
+
+    def _give(
+        self, structure: Structure, values: FloatArray, term: Term, column: int, share: float
+    ) -> None:
+        """Writes so much of what a column of a candidate is into the values at its place."""
+        place, at = self._places[column]
+        own = structure.columns(term, place)
+        values[own] = structure.zero[own] + share * (at - structure.zero[own])
 
     def instead(self, member: int) -> tuple[Structure, FloatArray] | None:
         """As `start` of one, in place of what of the ordinary changes the same of the residual.
@@ -167,7 +173,6 @@ class View:
         root = np.sqrt(self._objective.weights(self._objective.mean_square(self._residual)))
         for column in candidate.columns:
             change = (self._columns[:, column].T * root).ravel()
-            place, at = self._places[column]
             size = float(change @ change)
             shares = {
                 k: share
@@ -178,8 +183,7 @@ class View:
             k, share = max(shares.items(), key=lambda one: abs(one[1]), default=(-1, 0.0))
             if not share:
                 continue
-            own = structure.columns(candidate.term, place)
-            values[own] = structure.zero[own] + share * (at - structure.zero[own])
+            self._give(structure, values, candidate.term, column, share)
             values[k] = structure.zero[k]
             moved = True
         return (structure, np.clip(values, *structure.bounds)) if moved else None

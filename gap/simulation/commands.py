@@ -19,7 +19,6 @@ from walkerkit.actuators.drive import Drive
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.simulation.interpolate import NEAREST
-from walkerkit.gap.simulation.loops import held_by_loops
 from walkerkit.gap.simulation.robot import Joint, Robot
 from walkerkit.gap.simulation.untaken import KINDS, check_taken, no_actuator, unknown_target
 
@@ -143,7 +142,7 @@ def by_effort_alone(robot: Robot, recording: Recording) -> tuple[str, ...]:
     held.update(name for one in robot.movers if one.actuator in servos for name in one.joints)
     if set(recording.joints) <= held:
         return ()
-    every = robot.made.get(("held", frozenset(held)), lambda: held_by_loops(robot.model, held))
+    every = robot.made.get(("held", frozenset(held)), lambda: robot.loops.holds(held))
     return tuple(name for name in recording.joints if name not in every)
 
 

@@ -78,9 +78,7 @@ def excursions(
 def _through_loops(robot: Robot, found: dict[str, Excursion]) -> dict[str, Excursion]:
     """The same, with the efforts of drives at the joints that these move through loops."""
     driven = {joint for joint in found if robot.joints[joint].commanded}
-    if not driven or not robot.loops.any:
-        return found
-    most = max(found[joint].effort for joint in driven)
+    most = max((found[joint].effort for joint in driven), default=0.0)
     for joint in (robot.loops.holds(driven) & found.keys()) - driven:
         found[joint] = replace(found[joint], effort=max(found[joint].effort, most))
     return found

@@ -2,7 +2,7 @@
 
     loops = Loops(model)                        # connect, weld, joint and tendon equalities
     qpos, qvel = loops.closed(qpos, qvel, measured)
-    held_by_loops(model, {"crank"})             # {"crank", "coupler", "rocker"}
+    loops.holds({"crank"})                      # {"crank", "coupler", "rocker"}
 
 A loop of links has joints without encoders, and a joint that follows another has none as a rule. A
 simulation that started them elsewhere would begin with a blow of the constraints. Positions are
@@ -125,6 +125,8 @@ class Loops:
         Args:
             held: names of joints.
         """
+        if not self.any:
+            return frozenset(held)
         model = self._model
         names = {model.joint(joint).name: joint for joint in range(model.njnt)}
         fixed = {int(model.jnt_dofadr[names[name]]) for name in held if name in names}
@@ -138,17 +140,6 @@ class Loops:
             if np.abs(motion).max(initial=0.0) < _MOVES
         }
         return frozenset(held) | {name for name, joint in names.items() if joint in stuck and name}
-
-
-def held_by_loops(model: mujoco.MjModel, held: Collection[str]) -> frozenset[str]:
-    """The joints that are held where some are, through equality constraints.
-
-    Args:
-        model: the compiled model.
-        held: names of the joints that are.
-    """
-    loops = Loops(model)
-    return loops.holds(held) if loops.any else frozenset(held)
 
 
 def _positions(model: mujoco.MjModel, dofs: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:

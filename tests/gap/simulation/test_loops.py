@@ -9,7 +9,7 @@ import pytest
 from benchmarks.robots.written import WRITTEN
 from tests.gap.simulation.own_log import gaps, own_log
 from walkerkit import gap
-from walkerkit.gap.simulation.loops import Loops, held_by_loops
+from walkerkit.gap.simulation.loops import Loops
 
 FOUR_BAR, LEG, MIMIC = WRITTEN["four_bar"], WRITTEN["leg_with_a_rod"], WRITTEN["mimic"]
 
@@ -85,12 +85,12 @@ def test_without_constraints_there_is_nothing_to_close():
 
 
 def test_a_loop_holds_all_its_joints_where_one_is_held():
-    model = mujoco.MjModel.from_xml_string(FOUR_BAR)
-    assert held_by_loops(model, {"crank"}) == {"crank", "coupler", "rocker"}
-    assert held_by_loops(model, set()) == set()
-    leg = mujoco.MjModel.from_xml_string(LEG)
-    assert "ankle" in held_by_loops(leg, {"hip", "knee"})
-    assert "ankle" not in held_by_loops(leg, {"hip"})
+    four_bar = Loops(mujoco.MjModel.from_xml_string(FOUR_BAR))
+    assert four_bar.holds({"crank"}) == {"crank", "coupler", "rocker"}
+    assert four_bar.holds(set()) == set()
+    leg = Loops(mujoco.MjModel.from_xml_string(LEG))
+    assert "ankle" in leg.holds({"hip", "knee"})
+    assert "ankle" not in leg.holds({"hip"})
 
 
 @pytest.mark.parametrize(
