@@ -101,6 +101,12 @@ class Gap:
         return {name: self.signals[name] for name in self.scored if name != "position"}
 
     @property
+    def grown(self) -> bool:
+        """Whether no signal that effects are judged by has a smaller gap with what is named."""
+        finer = () if self.finer_position is None else (self.finer_position,)
+        return all(s.after >= s.before for s in (self.position, *finer, *self.besides.values()))
+
+    @property
     def position_at_floor(self) -> bool:
         """Whether no joint's position has a gap left, or none has at a quarter of the timestep."""
         if self.position.at_floor and not _standing_out(self.joints):

@@ -82,7 +82,7 @@ def notes(
                 f"leave the same log. {reason}"
             )
     yield from _constant_errors(gap, scales, offsets)
-    yield from _of_verdict(verdict, gap, searched, only)
+    yield from _of_verdict(verdict, gap, bool(effects), searched, only)
     yield from _numerical_error(problem, gap, effects, searched=searched)
     yield from _brief(wholes.values())
     yield from _how_replayed(problem)
@@ -133,10 +133,17 @@ def _constant_errors(
 
 
 def _of_verdict(
-    verdict: Verdict, gap: Gap, searched: bool, only: Sequence[str] | None
+    verdict: Verdict, gap: Gap, named: bool, searched: bool, only: Sequence[str] | None
 ) -> Iterator[str]:
     """What the verdict leaves to be done."""
-    if verdict == "unexplained":
+    if verdict == "unexplained" and named:
+        yield (
+            "What is named makes the gap of the fitted recordings smaller, and that of the "
+            "held-out ones larger: it stands for something that only the fitted ones have, or "
+            "that the catalogue lacks. Do not use the mended model; fit recordings that move as "
+            "the held-out ones do, and diagnose again."
+        )
+    elif verdict == "unexplained":
         yield (
             f"Nothing {'in the catalogue' if only is None else 'that was tried'} makes the "
             "held-out gap smaller by more than chance. The locations show the regime that a "

@@ -262,10 +262,10 @@ def _diagnosis(
         after = {half: replay_half(problem, half, mended) for half in ("fit", "held")}
     gap = gap_of(problem, before["held"], after["held"])
     effects = named_effects(problem, explanation, after["held"], mended)
-    verdict = _verdict(gap, named=bool(effects))
+    verdict = verdict_on(gap, named=bool(effects))
     if verdict == "no_gap" and not held_out_only:
         other = gap_of(problem, before["fit"], before["fit"])
-        if _verdict(other, named=False) != verdict:
+        if verdict_on(other, named=False) != verdict:
             gap, verdict = replace(other, held_out=False), "unexplained"
     maps = gap_maps(problem, before, after)
     of = {one.signal: one for one in maps}
@@ -322,14 +322,16 @@ def _notes(
     )
 
 
-def _verdict(gap: Gap, *, named: bool) -> Verdict:
+def verdict_on(gap: Gap, *, named: bool) -> Verdict:
     """The verdict on a gap, with something named or not.
 
-    The position's is that at a finer timestep where the model's own leaves more.
+    The position's is that at a finer timestep where the model's own leaves more. What is named
+    explains nothing where it makes every gap larger on the recordings that no fit has seen.
     """
     besides = gap.besides.values()
     if not named:
         nothing = gap.position_at_floor and all(size.at_floor for size in besides)
         return "no_gap" if nothing else "unexplained"
-    followed = all(size.mostly_closed for size in besides)
-    return "explained" if gap.position_at_floor and followed else "partly_explained"
+    if gap.position_at_floor and all(size.mostly_closed for size in besides):
+        return "explained"
+    return "unexplained" if gap.grown else "partly_explained"

@@ -158,9 +158,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     noise = _floors(diagnosis.gap, signal, size)
     before, after = span((size.before, size.after), size.unit)
     moved = f"shrinks from {before} to {after}"
-    if size.after > size.before:
-        # Names are judged by stretches; whole rollouts of what is not stable drift apart.
-        moved = f"shrinks over short stretches, but is {before} before and {after} after in all"
+    if size.after >= size.before:
+        moved = f"does not shrink, but is {before} before and {after} after"
     told = f"is {quantity(size.before, size.unit)}"
     if math.isnan(size.before):
         told = "is unknown, as the simulation diverges"
@@ -171,7 +170,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"Nothing is missing from the model{' but a finer timestep' if coarse else ''}: "
             f"{error} {told}, and {noise}."
         )
-    if diagnosis.verdict == "unexplained" or not diagnosis.effects:
+    if not diagnosis.effects:
         where = spot(diagnosis.locations[0]) if diagnosis.locations else ""
         subject = _nothing_explains(diagnosis)
         return (
@@ -184,6 +183,12 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         error = "at a quarter of the simulation's timestep the position error"
         moved = "shrinks from {} to {}".format(*span((finer.before, finer.after), finer.unit))
         noise = _floors(diagnosis.gap, "position", diagnosis.gap.position)
+    if diagnosis.verdict == "unexplained":
+        return (
+            f"The gap is not explained: {_found(diagnosis.effects)} fits the fitted recordings "
+            f"best, but {error} of those held out is {before} before and {after} after, where "
+            f"{noise}."
+        )
     complete = diagnosis.verdict == "explained"
     left = "" if complete or not diagnosis.remaining else spot(diagnosis.remaining[0])
     return (

@@ -11,6 +11,7 @@ import pytest
 from tests.gap.conftest import LegDiagnosis
 from walkerkit.gap.report.gaps import GapSize
 from walkerkit.gap.report.replayed import beside_each_other
+from walkerkit.gap.report.result import verdict_on
 from walkerkit.gap.simulation.load_robot import robot_from_spec
 
 
@@ -104,3 +105,22 @@ def test_few_restarts_may_leave_more_by_chance(leg: LegDiagnosis) -> None:
     assert replace(gap, joints={"knee": lucky}).position_at_floor
     assert not replace(gap, joints={"knee": size}).position_at_floor
     assert not replace(gap, joints={"knee": replace(lucky, after=0.003)}).position_at_floor
+
+
+def test_what_makes_every_held_out_gap_larger_explains_nothing(leg: LegDiagnosis) -> None:
+    larger = GapSize(unit="rad", before=0.010, after=0.014, noise_floor=0.001)
+    smaller = replace(larger, after=0.008)
+    gap = replace(leg().gap, position=larger, finer_position=None, scored=("position", "effort"))
+
+    def verdict(**sizes: GapSize) -> str:
+        signals = {"position": larger, "effort": sizes.get("effort", larger)}
+        with_them = replace(gap, signals=signals, finer_position=sizes.get("finer"))
+        return verdict_on(replace(with_them, position=sizes.get("position", larger)), named=True)
+
+    assert verdict() == "unexplained"
+    # One signal is nearer, or the position at a finer timestep.
+    assert verdict(position=smaller) == "partly_explained"
+    assert verdict(effort=smaller) == "partly_explained"
+    assert verdict(finer=smaller) == "partly_explained"
+    # The model as given runs away.
+    assert verdict(position=replace(larger, before=math.nan)) == "partly_explained"

@@ -129,8 +129,14 @@ def test_a_gap_that_grows_is_not_said_to_shrink(leg: LegDiagnosis) -> None:
     larger = {name: replace(one, after=1.1 * one.before) for name, one in gap.signals.items()}
     grown = replace(gap, position=larger["position"], signals=larger)
     found = wording.verdict_sentence(replace(leg(), gap=grown, verdict="partly_explained"))
-    assert "shrinks over short stretches, but is " in found
+    assert "the position error does not shrink, but is " in found
     assert "shrinks from" not in found
+
+
+def test_what_makes_the_held_out_gap_larger_explains_nothing(leg: LegDiagnosis) -> None:
+    found = wording.verdict_sentence(replace(leg(), verdict="unexplained"))
+    assert found.startswith("The gap is not explained: ")
+    assert "fits the fitted recordings best, but the position error of those held out is" in found
 
 
 def test_what_was_not_tried_is_not_said_to_explain_nothing(leg: LegDiagnosis) -> None:
