@@ -9,7 +9,7 @@ gaps that are five per cent smaller.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
@@ -19,6 +19,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.search.decision import NUMERICAL_LEFT
 from walkerkit.gap.search.effort import spend
 from walkerkit.gap.search.known_error import KnownError
@@ -282,21 +283,32 @@ class Objective:
     @cached_property
     def folds(self) -> NDArray[np.int64]:
         """(n_blocks,) index of the part of a recording, a tenth of all at most, of each block."""
-        first = np.flatnonzero(np.diff(self.block, prepend=-1))
-        recordings = [
-            id(replay.segments[k].recording)
-            for replay in self.replays
-            for k in replay.segment_of_row
-        ]
-        of_block = [recordings[row] for row in first]
-        folds, most = np.empty(len(first), dtype=np.int64), max(1, len(first) / _FOLDS)
+        of_block = self._of_blocks(lambda recording: recording)
+        folds, most = np.empty(len(of_block), dtype=np.int64), max(1, len(of_block) / _FOLDS)
         count = 0
-        for recording in dict.fromkeys(of_block):
-            own = [b for b, other in enumerate(of_block) if other == recording]
+        for recording in range(of_block.max() + 1):
+            own = np.flatnonzero(of_block == recording)
             parts = -(-len(own) // most)
             folds[own] = count + np.arange(len(own)) * parts // len(own)
             count += int(parts)
         return folds
+
+    @cached_property
+    def recording_of_block(self) -> NDArray[np.int64]:
+        """(n_blocks,) index of the recording of each block; pieces of one are the same."""
+        return self._of_blocks(lambda recording: recording.whole)
+
+    def _of_blocks(self, of: Callable[[Recording], Recording]) -> NDArray[np.int64]:
+        """(n_blocks,) index of what belongs to the recording of each block."""
+        rows = (
+            id(of(replay.segments[k].recording))
+            for replay in self.replays
+            for k in replay.segment_of_row
+        )
+        first = np.flatnonzero(np.diff(self.block, prepend=-1))
+        index: dict[int, int] = {}
+        every = [index.setdefault(one, len(index)) for one in rows]
+        return np.array(every, dtype=np.int64)[first]
 
     @cached_property
     def spans(self) -> tuple[list[slice], FloatArray]:

@@ -14,7 +14,7 @@ more than the block itself would say little of other data (Roberts et al., Ecogr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,10 @@ class Scores:
     """How a structure predicts blocks that its fit has not seen.
 
     Attributes:
-        squares: (n_blocks, n_scored) sums of squares of each block, by a fit without it.
+        squares: (n_blocks, n_scored) sums of squares of each block, by a fit without the part of
+            the recording in which it lies.
+        elsewhere: the same by a fit to the other recordings alone; as `squares` where there are
+            none.
         count: (n_blocks, n_scored) measured samples.
         memory: (n_scored,) autocorrelation times of the residuals, in samples, 1 at least.
         floor: (n_scored,) below which a residual says nothing: noise, and what is left of the
@@ -44,6 +47,7 @@ class Scores:
     """
 
     squares: FloatArray
+    elsewhere: FloatArray
     count: FloatArray
     memory: FloatArray
     floor: FloatArray
@@ -55,18 +59,27 @@ class Scores:
         return size
 
     def elpd(self, scale: Scores) -> FloatArray:
-        """(n_blocks,) log densities, with the memory and the floor of another structure."""
-        count = self.count / scale.memory
-        square = self.squares / scale.memory
-        variance, _ = _variance(square, count, scale.floor)
-        density: FloatArray = np.sum(
-            gammaln(0.5 * (TAILS + count))
-            - gammaln(0.5 * TAILS)
-            - 0.5 * count * np.log(TAILS * np.pi * variance)
-            - 0.5 * (TAILS + count) * np.log1p(square / (TAILS * variance)),
-            axis=1,
-        )
+        """(n_blocks,) log densities, with the memory and the floor of another structure.
+
+        The mean of those by a fit without the part and by one without the recording.
+        """
+        both = [_density(squares, self.count, scale) for squares in (self.squares, self.elsewhere)]
+        density: FloatArray = np.mean(both, axis=0)
         return density
+
+
+def _density(squares: FloatArray, count: FloatArray, scale: Scores) -> FloatArray:
+    """(n_blocks,) log densities of sums of squares."""
+    count, square = count / scale.memory, squares / scale.memory
+    variance, _ = _variance(square, count, scale.floor)
+    density: FloatArray = np.sum(
+        gammaln(0.5 * (TAILS + count))
+        - gammaln(0.5 * TAILS)
+        - 0.5 * count * np.log(TAILS * np.pi * variance)
+        - 0.5 * (TAILS + count) * np.log1p(square / (TAILS * variance)),
+        axis=1,
+    )
+    return density
 
 
 def _variance(
@@ -98,6 +111,7 @@ class Wildness:
         self._counts = objective.block_counts()
         self._scale = Scores(
             squares=objective.block_squares(residual),
+            elsewhere=objective.block_squares(residual),
             count=self._counts,
             memory=memory_of(objective, residual),
             floor=_floor(objective, noise),
@@ -114,8 +128,8 @@ class Wildness:
 
     def density(self, residual: FloatArray) -> float:
         """The log density of a fit's residual, over all blocks."""
-        one = replace(self._scale, squares=self._objective.block_squares(residual))
-        return float(one.elpd(self._scale).sum())
+        squares = self._objective.block_squares(residual)
+        return float(_density(squares, self._counts, self._scale).sum())
 
 
 def _floor(objective: Objective, noise: FloatArray) -> FloatArray:
@@ -136,20 +150,12 @@ class Scoring:
         self._objective = objective
         self._floor = _floor(objective, noise)
         self._count = objective.block_counts()
-        fold = objective.folds[objective.block]
-        self._parts = [np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1)]
-        self._jacobians = [slopes.jacobian[:, rows] for rows in self._parts]
-        n = len(one.values)
         weights = objective.weights(one.mean_square)
-        self._weighted = [
-            (own * weights).reshape(n, own.shape[1] * own.shape[2]) for own in self._jacobians
-        ]
-        self._normal = np.stack(
-            [
-                weighted @ own.reshape(weighted.shape).T
-                for weighted, own in zip(self._weighted, self._jacobians, strict=True)
-            ]
-        )
+        self._parts = _Parts.of(slopes.jacobian, weights, objective.folds[objective.block])
+        recording = objective.recording_of_block[objective.block]
+        self._recordings = None
+        if recording.max() > 0:
+            self._recordings = _Parts.of(slopes.jacobian, weights, recording)
         self._prior = one.structure.prior_curvature(one.values) / objective.prior_samples
 
     def scores(
@@ -162,32 +168,76 @@ class Scoring:
             kept: indices of the values that it has; the others are fixed.
             memory: of the residuals, where it is known.
         """
+        squares = self._left_out(self._parts, residual, kept)
+        others = self._recordings
         return Scores(
-            squares=self._left_out(residual, kept),
+            squares=squares,
+            elsewhere=squares if others is None else self._left_out(others, residual, kept),
             count=self._count,
             memory=memory_of(self._objective, residual) if memory is None else memory,
             floor=self._floor,
         )
 
-    def _left_out(self, residual: FloatArray, kept: NDArray[np.intp]) -> FloatArray:
-        """(n_blocks, n_scored) sums of squares of each block, by a fit without it."""
+    def _left_out(self, parts: _Parts, residual: FloatArray, kept: NDArray[np.intp]) -> FloatArray:
+        """(n_blocks, n_scored) sums of squares of each block, by a fit without the part of it."""
         if not len(kept):
             return self._objective.block_squares(residual)
-        normal = self._normal[:, kept[:, None], kept]
-        total = normal.sum(axis=0) + np.diag(self._prior[kept])
+        moved = parts.left_out(residual, kept, self._prior[kept])
+        return self._objective.block_squares(moved)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Parts:
+    """Parts of the recordings that are left out of a fit, one after the other.
+
+    Attributes:
+        rows: those of each part.
+        jacobians: (n_parameters, its rows, n_scored) of each.
+        weighted: (n_parameters, its rows × n_scored) the same times the weights.
+        normal: (n_parts, n_parameters, n_parameters) what each has of the normal equations.
+    """
+
+    rows: list[NDArray[np.intp]]
+    jacobians: list[FloatArray]
+    weighted: list[FloatArray]
+    normal: FloatArray
+
+    @classmethod
+    def of(cls, jacobian: FloatArray, weights: FloatArray, part: NDArray[np.int64]) -> _Parts:
+        """Those of slopes, by the (rows,) part of each row."""
+        rows = [np.flatnonzero(part == k) for k in range(int(part.max()) + 1)]
+        own = [jacobian[:, its] for its in rows]
+        weighted = [
+            (its * weights).reshape(len(its), its[0].size if len(its) else 0) for its in own
+        ]
+        normal = [w @ its.reshape(w.shape).T for w, its in zip(weighted, own, strict=True)]
+        return cls(rows=rows, jacobians=own, weighted=weighted, normal=np.stack(normal))
+
+    def left_out(
+        self, residual: FloatArray, kept: NDArray[np.intp], prior: FloatArray
+    ) -> FloatArray:
+        """(rows, n_scored) the residual of each part by a fit without it.
+
+        Args:
+            residual: (rows, n_scored) by a fit to all parts.
+            kept: indices of the values that are fitted.
+            prior: (n_kept,) the curvature of their prior.
+        """
+        normal = self.normal[:, kept[:, None], kept]
+        total = normal.sum(axis=0) + np.diag(prior)
         pull = np.stack(
             [
-                weighted[kept] @ residual[rows].ravel()
-                for weighted, rows in zip(self._weighted, self._parts, strict=True)
+                w[kept] @ residual[its].ravel()
+                for w, its in zip(self.weighted, self.rows, strict=True)
             ]
         )
         # What a part alone knows of may be open without it; its prior holds it then.
         ridge = 1e-12 * np.trace(total) * np.eye(len(kept))
         step = np.linalg.solve(total - normal + ridge, pull[..., None])
         moved = np.empty_like(residual)
-        for rows, jacobian, its in zip(self._parts, self._jacobians, step, strict=True):
-            moved[rows] = residual[rows] + np.tensordot(its[:, 0], jacobian[kept], 1)
-        return self._objective.block_squares(moved)
+        for its, jacobian, far in zip(self.rows, self.jacobians, step, strict=True):
+            moved[its] = residual[its] + np.tensordot(far[:, 0], jacobian[kept], 1)
+        return moved
 
 
 def memory_of(objective: Objective, residual: FloatArray) -> FloatArray:

@@ -42,6 +42,7 @@ def scores(*sizes: float, wild: float = 0.0) -> Scores:
         squares[0] = ROWS * wild**2
     return Scores(
         squares=squares,
+        elsewhere=squares,
         count=np.full_like(squares, ROWS),
         memory=np.ones(len(sizes)),
         floor=np.full(len(sizes), FLOOR),
