@@ -142,7 +142,8 @@ class _Reduction:
         return CATALOGUE[unit[0]].ordinary or any(other not in dropped for other in others)
 
     def _worth(self, member: Member) -> float:
-        return float(member.scores.elpd(self.scale).sum()) / TEMPERATURE + member.log_prior
+        # Slopes at a fit with all that is ordinary say little of what each recording tells alone.
+        return float(member.scores.elpd_nearby(self.scale).sum()) / TEMPERATURE + member.log_prior
 
     def _columns(self, units: Iterable[Unit]) -> NDArray[np.intp]:
         return np.array([k for unit in units for k in self.units[unit]], dtype=np.intp)

@@ -63,9 +63,14 @@ class Scores:
 
         The mean of those by a fit without the part and by one without the recording.
         """
-        both = [_density(squares, self.count, scale) for squares in (self.squares, self.elsewhere)]
-        density: FloatArray = np.mean(both, axis=0)
+        density: FloatArray = 0.5 * (
+            self.elpd_nearby(scale) + _density(self.elsewhere, self.count, scale)
+        )
         return density
+
+    def elpd_nearby(self, scale: Scores) -> FloatArray:
+        """(n_blocks,) the same by fits without the part alone."""
+        return _density(self.squares, self.count, scale)
 
 
 def _density(squares: FloatArray, count: FloatArray, scale: Scores) -> FloatArray:
@@ -231,6 +236,8 @@ class _Parts:
                 for w, its in zip(self.weighted, self.rows, strict=True)
             ]
         )
+        # Where slopes of another place led, what is left still pulls in all parts together.
+        pull -= normal @ np.linalg.solve(total, pull.sum(axis=0))
         # What a part alone knows of may be open without it; its prior holds it then.
         ridge = 1e-12 * np.trace(total) * np.eye(len(kept))
         step = np.linalg.solve(total - normal + ridge, pull[..., None])
