@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import covariance, ran_away
-from walkerkit.gap.search.compare import Member, Rare, Table, is_worth_a_name, rare_effects
+from walkerkit.gap.search.compare import Member, Rare, Table, Unit, is_worth_a_name, rare_effects
 from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members, ordinary
@@ -108,20 +108,19 @@ class Book:
         little of what is far away.
 
         Those that fell short of what slopes promised tell how far to believe slopes of others with
-        the same rare effects.
+        the same rare effects that lack as much.
 
         Args:
             fitted: fits a member by itself, as long as it does not come down to rare effects that
                 others have by themselves.
         """
         by_itself: set[Hashable] = set()
-        short: dict[Rare, float] = {}  # of what slopes promised
+        short = _Shortfalls()
         others = 0
         for _ in range(_MOST_BY_THEMSELVES):
             table = self.table
             worth = table.worth - [
-                0.0 if member.key in by_itself else short.get(member.rare, 0.0)
-                for member in table.members
+                0.0 if member.key in by_itself else short.of(member) for member in table.members
             ]
             best = table.best_by(worth)
             least = worth.max() + np.log(1 - CONFUSION)
@@ -144,14 +143,13 @@ class Book:
             if rare_effects(alone.structure) in done:
                 self._members = [m for m in self._members if m.key != one.key]
                 self._table = None
-                short[one.rare] = np.inf
+                short.add(one, np.inf)
                 continue
             itself = self._put(one, alone, by_itself)
             by_itself.add(itself.key)
-            came = self.table.worth_of(itself)
-            short[one.rare] = max(short.get(one.rare, 0.0), promised - came)
+            short.add(one, promised - self.table.worth_of(itself))
         self._among = by_itself
-        self._forget_what_did_not_come(short)
+        self._forget_what_did_not_come(short.rare)
 
     def _forget_what_did_not_come(self, tried: Collection[Rare]) -> None:
         """Forgets what slopes promise beyond the best of what was fitted by itself.
@@ -247,6 +245,33 @@ class Book:
         if self._among is not None:
             plain = [m for m in plain if m.effects.keys() <= one.effects.keys()]
         return not plain or is_worth_a_name(Table(tuple(plain)).best, one, self._joints)
+
+
+class _Shortfalls:
+    """By how much structures by themselves fell short of what slopes had promised.
+
+    What another lacks of the same was as little known from the slopes.
+    """
+
+    def __init__(self) -> None:
+        self._seen: dict[Rare, list[tuple[frozenset[Unit], float]]] = {}
+
+    @property
+    def rare(self) -> Collection[Rare]:
+        """The rare effects of those that were fitted by themselves."""
+        return self._seen.keys()
+
+    def add(self, member: Member, far: float) -> None:
+        """A member, as it was read off slopes, and how far it fell short of that."""
+        self._seen.setdefault(member.rare, []).append((member.units, max(0.0, far)))
+
+    def of(self, member: Member) -> float:
+        """How far others with the same rare effects fell short that have all that it has; or 0.
+
+        Infinity where such rare effects were not needed.
+        """
+        seen = self._seen.get(member.rare, ())
+        return max((far for had, far in seen if far == np.inf or had >= member.units), default=0.0)
 
 
 def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:

@@ -35,6 +35,7 @@ from walkerkit.gap.search.structure import Fit, Structure, merged
 FloatArray = NDArray[np.float64]
 Places = Mapping[str, tuple[str, ...]]
 Rare = frozenset[tuple[str, tuple[str, ...]]]
+Unit = tuple[str, str]  # an effect and one of its places
 
 _DRAWS, _SEED = 1000, 20260101
 
@@ -61,6 +62,11 @@ class Member:
     def key(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """What it has, in one order."""
         return tuple(sorted(self.effects.items()))
+
+    @property
+    def units(self) -> frozenset[Unit]:
+        """Its effects at each of their places."""
+        return frozenset((name, place) for name, places in self.effects.items() for place in places)
 
     @property
     def rare(self) -> Rare:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.search.compare import Member, is_worth_a_name
+from walkerkit.gap.search.compare import Member, Unit, is_worth_a_name
 from walkerkit.gap.search.decision import LEAST_GAIN, TEMPERATURE
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.score import Scoring
@@ -26,7 +26,6 @@ from walkerkit.gap.search.slopes import Slopes, posterior_equations
 from walkerkit.gap.search.structure import Fit, Slot
 
 FloatArray = NDArray[np.float64]
-Unit = tuple[str, str]  # an effect and one of its places
 
 
 def members(
