@@ -187,3 +187,53 @@ def test_the_typical_block_is_enough(problem: Problem) -> None:
     old = member(problem, {}, scores(0.02, wild=5.0))
     new = member(problem, {}, scores(0.01, wild=5.0))
     assert is_worth_a_name(old, new, ["knee"])
+
+
+def test_what_comes_back_without_an_effect(problem: Problem) -> None:
+    """Of squares over both joints: 5 without it, 2 with it, 10 with nothing; of effort half."""
+    nothing = member(problem, {}, scores(3.0, 1.0, 2.0))
+    without = member(problem, {"armature": ("knee",)}, scores(2.0, 1.0, 1.5))
+    both = {"armature": ("knee",), "payload": ("shin",)}
+    best = member(problem, both, scores(1.0, 1.0, 0.5))
+    table = Table((nothing, without, best))
+    assert table.best is best
+    expected = np.mean([(5 - 2) / 10, (1.5**2 - 0.5**2) / 2**2])
+    share = table.share(["payload"], ["position", "position", "effort"])
+    assert share == pytest.approx(expected)
+    assert Table((best,)).share(["payload"], ["position", "position", "effort"]) == np.inf
+
+
+def test_of_those_that_hardly_differ_the_smallest_is_told(problem: Problem) -> None:
+    def fitted(kept: int, size: float) -> Member:
+        one = member(problem, {"armature": ("knee",)}, scores(size))
+        return replace(one, kept=np.arange(0), values=np.zeros(0), effects={f"e{kept}": ("knee",)})
+
+    smaller = replace(fitted(1, 0.01), kept=np.arange(0))
+    table = Table((fitted(2, 0.01), smaller))
+    near = np.array([0.0, -0.5 * PRICE_PLACE])
+    kept = {id(one): k for k, one in enumerate(table.members)}
+    assert kept[id(table.best_by(near))] == 0  # as many numbers, the first
+    assert table.best_by(np.array([-0.6 * PRICE_PLACE, 0.0])) is smaller
+    assert table.best_of([smaller.key]) is smaller
+    assert table.worth_of(smaller) == table.worth[1]
+
+
+def test_at_one_joint_a_gap_has_to_shrink_twice_as_far(problem: Problem) -> None:
+    def worth(gain: float) -> bool:
+        old = member(problem, {}, scores(0.02, 0.02, 0.02))
+        new = member(problem, {}, scores(0.02 * np.exp(-gain), 0.02, 0.02))
+        return is_worth_a_name(old, new, ["knee", "ankle", "hip"])
+
+    assert not worth(1.9 * LEAST_GAIN)
+    assert worth(2.1 * LEAST_GAIN)
+
+
+def test_what_changes_less_than_half_the_noise_is_worth_no_name(problem: Problem) -> None:
+    def even(size: float) -> Member:
+        squares = np.full((BLOCKS, 1), ROWS * size**2)
+        return member(problem, {}, replace(scores(size), squares=squares))
+
+    # Both leave gaps that are smaller by LEAST_GAIN.
+    for gone, worth in ((0.49, False), (0.51, True)):
+        before, after = even(FLOOR * np.hypot(1, gone)), even(FLOOR)
+        assert is_worth_a_name(before, after, ["knee"]) is worth

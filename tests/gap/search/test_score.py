@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from tests.gap.search.test_fit import noisy, objective, pendulum, run, sized, structure
+from walkerkit.gap.search.decision import TAILS
 from walkerkit.gap.search.fit import evaluate, fit
-from walkerkit.gap.search.score import Scores, Scoring
+from walkerkit.gap.search.objective import Objective
+from walkerkit.gap.search.score import Scores, Scoring, Wildness, memory_of
 from walkerkit.gap.search.slopes import linearised
 
 FLOOR = 1e-3
@@ -98,3 +100,92 @@ def test_what_slopes_elsewhere_led_to_is_left_out_as_from_where_a_fit_ends(recor
     bend = 2 * one.block_squares(far * along)
     assert more.squares + less.squares - 2 * there.squares == pytest.approx(bend, rel=1e-3)
     assert more.elsewhere + less.elsewhere - 2 * there.elsewhere == pytest.approx(bend, rel=1e-3)
+
+
+def spread(one: Objective, size: float, rng: np.random.Generator) -> np.ndarray:
+    """(rows, n_scored) white noise."""
+    return size * rng.normal(size=one.measured.shape)
+
+
+def autocorrelated(one: Objective, rho: float, rng: np.random.Generator) -> np.ndarray:
+    """(rows, n_scored) an autoregressive process of first order in each segment."""
+    noise = spread(one, 1.0, rng)
+    found = np.empty_like(noise)
+    for span in one.spans[0]:
+        value = noise[span.start] / np.sqrt(1 - rho**2)
+        for row in range(span.start, span.stop):
+            value = rho * value + noise[row]
+            found[row] = value
+    return found
+
+
+def by_definition(one: Objective, residual: np.ndarray) -> float:
+    """1 + 2 Σ of the autocorrelation until it first vanishes, sum by sum."""
+    spans, durations = one.spans
+    pieces = []
+    for span, duration in zip(spans, durations, strict=True):
+        own = residual[span, 0][np.isfinite(one.measured[span, 0])]
+        lags = min(len(own) - 1, int(2.0 * len(own) / duration))
+        own = own - own.mean()
+        pieces.append([float(own[: len(own) - k] @ own[k:]) for k in range(lags + 1)])
+    longest = max(map(len, pieces))
+    total = np.sum([np.pad(piece, (0, longest - len(piece))) for piece in pieces], axis=0)
+    memory = 1.0
+    for correlation in total[1:] / total[0]:
+        if correlation <= 0:
+            break
+        memory += 2 * correlation
+    return memory
+
+
+def test_a_residual_is_alike_for_as_long_as_its_autocorrelation_says(recordings):
+    one = objective(sized(pendulum(), *recordings), recordings)
+    for rho in (0.3, 0.9):
+        residual = autocorrelated(one, rho, np.random.default_rng(5))
+        (memory,) = memory_of(one, residual)
+        assert memory == pytest.approx(by_definition(one, residual), rel=1e-9)
+        assert memory == pytest.approx((1 + rho) / (1 - rho), rel=0.5)
+        (lifted,) = memory_of(one, residual + 3.0)  # a bias is no memory
+        assert lifted == pytest.approx(memory)
+    (alternating,) = memory_of(
+        one, np.tile([[1.0], [-1.0]], (len(one.measured), 1))[: len(one.measured)]
+    )
+    assert alternating == 1.0
+    (still,) = memory_of(one, np.zeros_like(one.measured))
+    assert still == 1.0
+    # A block tells something, however long its residual stays alike.
+    slow = np.sin(np.linspace(0, 2, len(one.measured)))[:, None]
+    assert memory_of(one, slow)[0] == np.median(one.block_counts())
+
+
+def test_wild_blocks_are_trusted_as_little_as_a_student_t_does(recordings):
+    one = objective(sized(pendulum(), *recordings), recordings)
+    usual = spread(one, 0.01, np.random.default_rng(6))
+    wild = usual.copy()
+    wild[one.block == 2] *= 10
+    beside = Wildness(one, usual, np.full(1, FLOOR))
+    even, trust = beside.trust(usual), beside.trust(wild)
+    count = one.block_counts()
+    for found in (even, trust):
+        assert np.sum(found * count) / count.sum() == pytest.approx(1)
+    assert even == pytest.approx(1, abs=0.3)
+    # By the definition of the weights, at the variance that makes them agree with themselves.
+    memory = memory_of(one, usual)
+    n, square = count / memory, one.block_squares(wild) / memory
+    variance = float(np.mean(usual**2))
+    for _ in range(200):
+        heavy = (TAILS + n) / (TAILS + square / variance)
+        variance = float(np.sum(heavy * square) / n.sum())
+    assert trust == pytest.approx(heavy * count.sum() / np.sum(heavy * count), rel=0.05)
+    assert trust[2, 0] < 0.1 < 0.9 < np.delete(trust, 2).min()
+    # Its density is that of a table, with the memory and the floor of where it began.
+    scale = Scores(
+        squares=one.block_squares(usual),
+        elsewhere=one.block_squares(usual),
+        count=count,
+        memory=memory,
+        floor=np.hypot(np.full(1, FLOOR), 0.25 * one.numerical_size()),
+    )
+    as_table = replace(scale, squares=one.block_squares(wild)).elpd_nearby(scale).sum()
+    assert beside.density(wild) == pytest.approx(as_table)
+    assert beside.density(wild) < beside.density(usual)
