@@ -177,18 +177,18 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{subject}: {error} {told}, where {noise}{_hidden(diagnosis.gap)}"
             f"{f'. It stands out most at {where}' if where else ''}."
         )
-    finer = diagnosis.gap.finer_position
-    if finer is not None and _shrinks(finer) and not _shrinks(diagnosis.gap.position):
-        # The timestep's error hides at its own size what was mended.
-        error = "at a quarter of the simulation's timestep the position error"
-        moved = "shrinks from {} to {}".format(*span((finer.before, finer.after), finer.unit))
-        noise = _floors(diagnosis.gap, "position", diagnosis.gap.position)
     if diagnosis.verdict == "unexplained":
         return (
             f"The gap is not explained: {_found(diagnosis.effects)} fits the fitted recordings "
             f"best, but {error} of those held out is {before} before and {after} after, where "
             f"{noise}."
         )
+    finer = diagnosis.gap.finer_position
+    if finer is not None and _shrinks(finer) and not _shrinks(diagnosis.gap.position):
+        # The timestep's error hides at its own size what was mended.
+        error = "at a quarter of the simulation's timestep the position error"
+        moved = "shrinks from {} to {}".format(*span((finer.before, finer.after), finer.unit))
+        noise = _floors(diagnosis.gap, "position", diagnosis.gap.position)
     complete = diagnosis.verdict == "explained"
     left = "" if complete or not diagnosis.remaining else spot(diagnosis.remaining[0])
     return (

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import covariance, ran_away
-from walkerkit.gap.search.compare import Member, Rare, Table, Unit, is_worth_a_name, rare_effects
+from walkerkit.gap.search.compare import Member, Rare, Table, is_worth_a_name, rare_effects
 from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members, ordinary
 from walkerkit.gap.search.score import Wildness
 from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes
-from walkerkit.gap.search.structure import Fit, Term
+from walkerkit.gap.search.structure import Fit, Term, Unit
 
 FloatArray = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.settle import robustly, settled
 from walkerkit.gap.search.slopes import Slopes, linearised
-from walkerkit.gap.search.structure import Fit, Structure, carried, merged
+from walkerkit.gap.search.structure import Fit, Structure, Unit, carried, merged
 
 FloatArray = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
     believed; nor are any of what would be missed least. What leaves the smallest gaps is left out
     first.
     """
-    objective, tried = problem.fit.objective, set[tuple[str, str]]()
+    objective, tried = problem.fit.objective, set[Unit]()
     while units := list(dict.fromkeys(slot.key[:2] for slot in found.structure.slots)):
         fewer = [found.structure.at({*units} - {unit}) for unit in units]
         starts = evaluate(
@@ -124,7 +124,7 @@ def leaves_less(problem: Problem, before: FloatArray, after: FloatArray) -> bool
     )
 
 
-def _out(one: Fit, unit: tuple[str, str]) -> FloatArray:
+def _out(one: Fit, unit: Unit) -> FloatArray:
     """(n_parameters,) the step, in scales, that leaves an effect at a place out."""
     structure = one.structure
     own = [slot.key[:2] == unit for slot in structure.slots]
@@ -161,9 +161,7 @@ def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
     return found
 
 
-def _not_known(
-    problem: Problem, one: Fit, slopes: Slopes
-) -> tuple[list[tuple[str, str]], Structure | None]:
+def _not_known(problem: Problem, one: Fit, slopes: Slopes) -> tuple[list[Unit], Structure | None]:
     """What of a fit is not known to be there.
 
     Returns:
@@ -207,5 +205,4 @@ def _settled(
 
 
 def _of_kept(member: Member) -> Structure:
-    structure = member.fit.structure
-    return merged(structure.at({structure.slots[k].key[:2] for k in member.kept}))
+    return merged(member.fit.structure.at(member.units))

@@ -30,12 +30,11 @@ from walkerkit.gap.search.decision import (
     TEMPERATURE,
 )
 from walkerkit.gap.search.score import Scores
-from walkerkit.gap.search.structure import Fit, Structure, merged
+from walkerkit.gap.search.structure import Fit, Structure, Unit, merged
 
 FloatArray = NDArray[np.float64]
 Places = Mapping[str, tuple[str, ...]]
 Rare = frozenset[tuple[str, tuple[str, ...]]]
-Unit = tuple[str, str]  # an effect and one of its places
 
 _DRAWS, _SEED = 1000, 20260101
 

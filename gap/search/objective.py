@@ -9,7 +9,7 @@ gaps that are five per cent smaller.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
@@ -283,7 +283,7 @@ class Objective:
     @cached_property
     def folds(self) -> NDArray[np.int64]:
         """(n_blocks,) index of the part of a recording, a tenth of all at most, of each block."""
-        of_block = self._of_blocks(lambda recording: recording)
+        of_block = _numbered(self._recordings_of_blocks)
         folds, most = np.empty(len(of_block), dtype=np.int64), max(1, len(of_block) / _FOLDS)
         count = 0
         for recording in range(of_block.max() + 1):
@@ -296,19 +296,13 @@ class Objective:
     @cached_property
     def recording_of_block(self) -> NDArray[np.int64]:
         """(n_blocks,) index of the recording of each block; pieces of one are the same."""
-        return self._of_blocks(lambda recording: recording.whole)
+        return _numbered(one.whole for one in self._recordings_of_blocks)
 
-    def _of_blocks(self, of: Callable[[Recording], Recording]) -> NDArray[np.int64]:
-        """(n_blocks,) index of what belongs to the recording of each block."""
-        rows = (
-            id(of(replay.segments[k].recording))
-            for replay in self.replays
-            for k in replay.segment_of_row
-        )
-        first = np.flatnonzero(np.diff(self.block, prepend=-1))
-        index: dict[int, int] = {}
-        every = [index.setdefault(one, len(index)) for one in rows]
-        return np.array(every, dtype=np.int64)[first]
+    @property
+    def _recordings_of_blocks(self) -> list[Recording]:
+        """Of each block the recording, or the piece of one."""
+        of_row = [r.segments[k].recording for r in self.replays for k in r.segment_of_row]
+        return [of_row[row] for row in np.flatnonzero(np.diff(self.block, prepend=-1))]
 
     @cached_property
     def spans(self) -> tuple[list[slice], FloatArray]:
@@ -651,6 +645,12 @@ def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[
 
 def _per_case(residual: FloatArray, cases: Sequence[Case]) -> list[FloatArray]:
     return np.split(residual, np.cumsum([len(case.values) for case in cases])[:-1])
+
+
+def _numbered(recordings: Iterable[Recording]) -> NDArray[np.int64]:
+    """(n,) index of each among those that are different, in their order."""
+    index: dict[int, int] = {}
+    return np.array([index.setdefault(id(one), len(index)) for one in recordings], dtype=np.int64)
 
 
 def _blocks(replays: Sequence[Replay]) -> NDArray[np.int64]:

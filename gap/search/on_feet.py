@@ -27,7 +27,7 @@ from walkerkit.gap.search.reduce import reduced
 from walkerkit.gap.search.screen import tries
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import linearised
-from walkerkit.gap.search.structure import Fit, Term, carried, extended
+from walkerkit.gap.search.structure import Fit, Term, Unit, carried, extended
 
 FloatArray = NDArray[np.float64]
 
@@ -66,10 +66,10 @@ def on_feet(
     everywhere = extended(start, _of_base_and_ground(problem, effects))
     values = _alike(problem, few, start, everywhere, progress, first)
     found: Fit | None = None
-    known: set[tuple[str, str]] = set()
+    known: set[Unit] = set()
     for _ in range(_LOOKS):
         everything, member = _needed(problem, replace(everywhere, values=values), progress)
-        wanted = {(name, place) for name, places in member.effects.items() for place in places}
+        wanted = member.units
         if found is not None and wanted <= known:
             break
         known |= wanted
@@ -168,7 +168,7 @@ def _of_base_and_ground(problem: Problem, effects: Sequence[Effect]) -> list[Ter
     return found
 
 
-def _at(wanted: Collection[tuple[str, str]], everywhere: Fit, member: Member) -> Fit:
+def _at(wanted: Collection[Unit], everywhere: Fit, member: Member) -> Fit:
     """What is wanted of a fit of everything everywhere, beginning with what a member has of it."""
     structure = everywhere.structure.at(wanted)
     whole = member.fit.structure

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.search.compare import Member, Unit, is_worth_a_name
+from walkerkit.gap.search.compare import Member, is_worth_a_name
 from walkerkit.gap.search.decision import LEAST_GAIN, TEMPERATURE
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.score import Scoring
 from walkerkit.gap.search.slopes import Slopes, posterior_equations
-from walkerkit.gap.search.structure import Fit, Slot
+from walkerkit.gap.search.structure import Fit, Slot, Unit
 
 FloatArray = NDArray[np.float64]
 

@@ -10,6 +10,8 @@ Gauss–Newton step of the values to where they would be without the part of the
 it lies, a tenth of all at most: approximate cross-validation (Beirami, Razaviyayn, Shahrampour and
 Tarokh, NeurIPS 2017) costs no simulation. What lies side by side is alike, so that leaving out no
 more than the block itself would say little of other data (Roberts et al., Ecography 40, 2017).
+Motions that repeat are alike as well, so that where several recordings are fitted each is also left
+out as a whole; the score is the mean of both.
 """
 
 from __future__ import annotations
@@ -63,20 +65,21 @@ class Scores:
 
         The mean of those by a fit without the part and by one without the recording.
         """
-        density: FloatArray = 0.5 * (
-            self.elpd_nearby(scale) + _density(self.elsewhere, self.count, scale)
-        )
+        elsewhere = _density(self.elsewhere, self.count, scale.memory, scale.floor)
+        density: FloatArray = 0.5 * (self.elpd_nearby(scale) + elsewhere)
         return density
 
     def elpd_nearby(self, scale: Scores) -> FloatArray:
         """(n_blocks,) the same by fits without the part alone."""
-        return _density(self.squares, self.count, scale)
+        return _density(self.squares, self.count, scale.memory, scale.floor)
 
 
-def _density(squares: FloatArray, count: FloatArray, scale: Scores) -> FloatArray:
+def _density(
+    squares: FloatArray, count: FloatArray, memory: FloatArray, floor: FloatArray
+) -> FloatArray:
     """(n_blocks,) log densities of sums of squares."""
-    count, square = count / scale.memory, squares / scale.memory
-    variance, _ = _variance(square, count, scale.floor)
+    count, square = count / memory, squares / memory
+    variance, _ = _variance(square, count, floor)
     density: FloatArray = np.sum(
         gammaln(0.5 * (TAILS + count))
         - gammaln(0.5 * TAILS)
@@ -114,19 +117,13 @@ class Wildness:
     def __init__(self, objective: Objective, residual: FloatArray, noise: FloatArray):
         self._objective = objective
         self._counts = objective.block_counts()
-        self._scale = Scores(
-            squares=objective.block_squares(residual),
-            elsewhere=objective.block_squares(residual),
-            count=self._counts,
-            memory=memory_of(objective, residual),
-            floor=_floor(objective, noise),
-        )
+        self._memory = memory_of(objective, residual)
+        self._floor = _floor(objective, noise)
 
     def trust(self, residual: FloatArray) -> FloatArray:
         """(n_blocks, n_scored) how much each block counts beside a fit's residual; 1 on average."""
-        memory = self._scale.memory
-        square = self._objective.block_squares(residual) / memory
-        _, heavy = _variance(square, self._counts / memory, self._scale.floor)
+        square = self._objective.block_squares(residual) / self._memory
+        _, heavy = _variance(square, self._counts / self._memory, self._floor)
         usual = np.sum(heavy * self._counts, axis=0) / np.maximum(self._counts.sum(axis=0), 1)
         found: FloatArray = heavy / np.where(usual > 0, usual, 1.0)
         return found
@@ -134,7 +131,7 @@ class Wildness:
     def density(self, residual: FloatArray) -> float:
         """The log density of a fit's residual, over all blocks."""
         squares = self._objective.block_squares(residual)
-        return float(_density(squares, self._counts, self._scale).sum())
+        return float(_density(squares, self._counts, self._memory, self._floor).sum())
 
 
 def _floor(objective: Objective, noise: FloatArray) -> FloatArray:
@@ -155,12 +152,25 @@ class Scoring:
         self._objective = objective
         self._floor = _floor(objective, noise)
         self._count = objective.block_counts()
+        fold = objective.folds[objective.block]
+        self._parts = [np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1)]
+        self._jacobians = [slopes.jacobian[:, rows] for rows in self._parts]
+        n = len(one.values)
         weights = objective.weights(one.mean_square)
-        self._parts = _Parts.of(slopes.jacobian, weights, objective.folds[objective.block])
-        recording = objective.recording_of_block[objective.block]
-        self._recordings = None
+        self._weighted = [
+            (own * weights).reshape(n, own.shape[1] * own.shape[2]) for own in self._jacobians
+        ]
+        self._normal = np.stack(
+            [
+                weighted @ own.reshape(weighted.shape).T
+                for weighted, own in zip(self._weighted, self._jacobians, strict=True)
+            ]
+        )
+        # What goes together: each part by itself, and all parts of a recording where it has others.
+        recording = objective.recording_of_block[objective.block][[part[0] for part in self._parts]]
+        self._together = [np.arange(len(self._parts))]
         if recording.max() > 0:
-            self._recordings = _Parts.of(slopes.jacobian, weights, recording)
+            self._together.append(recording)
         self._prior = one.structure.prior_curvature(one.values) / objective.prior_samples
 
     def scores(
@@ -173,78 +183,44 @@ class Scoring:
             kept: indices of the values that it has; the others are fixed.
             memory: of the residuals, where it is known.
         """
-        squares = self._left_out(self._parts, residual, kept)
-        others = self._recordings
+        squares, elsewhere = self._left_out(residual, kept)
         return Scores(
             squares=squares,
-            elsewhere=squares if others is None else self._left_out(others, residual, kept),
+            elsewhere=elsewhere,
             count=self._count,
             memory=memory_of(self._objective, residual) if memory is None else memory,
             floor=self._floor,
         )
 
-    def _left_out(self, parts: _Parts, residual: FloatArray, kept: NDArray[np.intp]) -> FloatArray:
-        """(n_blocks, n_scored) sums of squares of each block, by a fit without the part of it."""
+    def _left_out(
+        self, residual: FloatArray, kept: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray]:
+        """(n_blocks, n_scored) sums of squares of blocks without their part and their recording."""
         if not len(kept):
-            return self._objective.block_squares(residual)
-        moved = parts.left_out(residual, kept, self._prior[kept])
-        return self._objective.block_squares(moved)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Parts:
-    """Parts of the recordings that are left out of a fit, one after the other.
-
-    Attributes:
-        rows: those of each part.
-        jacobians: (n_parameters, its rows, n_scored) of each.
-        weighted: (n_parameters, its rows × n_scored) the same times the weights.
-        normal: (n_parts, n_parameters, n_parameters) what each has of the normal equations.
-    """
-
-    rows: list[NDArray[np.intp]]
-    jacobians: list[FloatArray]
-    weighted: list[FloatArray]
-    normal: FloatArray
-
-    @classmethod
-    def of(cls, jacobian: FloatArray, weights: FloatArray, part: NDArray[np.int64]) -> _Parts:
-        """Those of slopes, by the (rows,) part of each row."""
-        rows = [np.flatnonzero(part == k) for k in range(int(part.max()) + 1)]
-        own = [jacobian[:, its] for its in rows]
-        weighted = [
-            (its * weights).reshape(len(its), its[0].size if len(its) else 0) for its in own
-        ]
-        normal = [w @ its.reshape(w.shape).T for w, its in zip(weighted, own, strict=True)]
-        return cls(rows=rows, jacobians=own, weighted=weighted, normal=np.stack(normal))
-
-    def left_out(
-        self, residual: FloatArray, kept: NDArray[np.intp], prior: FloatArray
-    ) -> FloatArray:
-        """(rows, n_scored) the residual of each part by a fit without it.
-
-        Args:
-            residual: (rows, n_scored) by a fit to all parts.
-            kept: indices of the values that are fitted.
-            prior: (n_kept,) the curvature of their prior.
-        """
-        normal = self.normal[:, kept[:, None], kept]
-        total = normal.sum(axis=0) + np.diag(prior)
+            squares = self._objective.block_squares(residual)
+            return squares, squares
+        normal = self._normal[:, kept[:, None], kept]
+        total = normal.sum(axis=0) + np.diag(self._prior[kept])
         pull = np.stack(
             [
-                w[kept] @ residual[its].ravel()
-                for w, its in zip(self.weighted, self.rows, strict=True)
+                weighted[kept] @ residual[rows].ravel()
+                for weighted, rows in zip(self._weighted, self._parts, strict=True)
             ]
         )
         # Where slopes of another place led, what is left still pulls in all parts together.
         pull -= normal @ np.linalg.solve(total, pull.sum(axis=0))
         # What a part alone knows of may be open without it; its prior holds it then.
         ridge = 1e-12 * np.trace(total) * np.eye(len(kept))
-        step = np.linalg.solve(total - normal + ridge, pull[..., None])
-        moved = np.empty_like(residual)
-        for its, jacobian, far in zip(self.rows, self.jacobians, step, strict=True):
-            moved[its] = residual[its] + np.tensordot(far[:, 0], jacobian[kept], 1)
-        return moved
+        found = []
+        for of_part in self._together:
+            has = np.equal.outer(np.arange(of_part.max() + 1), of_part).astype(float)
+            without = total - np.tensordot(has, normal, 1) + ridge
+            step = np.linalg.solve(without, (has @ pull)[..., None])[of_part]
+            moved = np.empty_like(residual)
+            for rows, jacobian, its in zip(self._parts, self._jacobians, step, strict=True):
+                moved[rows] = residual[rows] + np.tensordot(its[:, 0], jacobian[kept], 1)
+            found.append(self._objective.block_squares(moved))
+        return found[0], found[-1]
 
 
 def memory_of(objective: Objective, residual: FloatArray) -> FloatArray:

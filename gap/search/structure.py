@@ -20,6 +20,7 @@ from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
+Unit = tuple[str, str]  # an effect and one of its places
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +95,7 @@ class Structure:
         """Its terms by name, site, and whether they are shared, in order."""
         return tuple((term.effect.name, term.sites, term.shared) for term in self.terms)
 
-    def at(self, units: Collection[tuple[str, str]]) -> Structure:
+    def at(self, units: Collection[Unit]) -> Structure:
         """The structure with its effects at some of their places alone, (name, place) each."""
         terms = []
         for term in self.terms:
