@@ -297,12 +297,13 @@ _TABLE: tuple[Equivalence, ...] = (
             "from outside, or turn the axis so that the link is lifted."
         ),
     ),
-    # F⁺ for q̇ > 0 and −F⁻ for q̇ < 0 are ½(F⁺ + F⁻) sgn q̇ + ½(F⁺ − F⁻), at rest as well.
+    # F⁺ for q̇ > 0 and −F⁻ for q̇ < 0 are ½(F⁺ + F⁻) sgn q̇ + ½(F⁺ − F⁻), at rest as well; bristles
+    # carry the mean as rigid friction does.
     *(
         Equivalence(
             effects=(alone, "asymmetric_friction"),
             beside=beside,
-            whole=beside is not None,
+            whole=whole,
             holds=holds,
             usual=beside is not None,
             reason=(
@@ -311,10 +312,11 @@ _TABLE: tuple[Equivalence, ...] = (
                 "is."
             ),
         )
-        for alone, beside, holds in (
-            ("torque_bias", "coulomb_friction", lambda robot, joints: True),
-            ("coulomb_friction", "torque_bias", lambda robot, joints: True),
-            ("torque_bias", None, _rubs_dry),
+        for alone, beside, whole, holds in (
+            ("torque_bias", "coulomb_friction", True, lambda robot, joints: True),
+            ("coulomb_friction", "torque_bias", True, lambda robot, joints: True),
+            ("torque_bias", "presliding_friction", False, lambda robot, joints: True),
+            ("torque_bias", None, False, _rubs_dry),
         )
     ),
     # η₁ τ driving and η₂ τ driven are ½(η₁ + η₂) τ − ½(η₂ − η₁) |τ| sgn q̇.

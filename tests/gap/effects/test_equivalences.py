@@ -188,7 +188,18 @@ def test_beside_damping_a_stronger_motor_is_a_higher_gain(damping):
     assert spelled_out("torque_constant") == {}
 
 
+@pytest.mark.parametrize("bend", [0.002, 0.02])
+def test_beside_bristles_a_bias_is_friction_of_two_sizes(bend):
+    bristles = {"presliding_friction": (0.5, bend)}
+    bias = bristles | {"torque_bias": (-0.3,)}
+    two_sizes = bristles | {"asymmetric_friction": (0.3, -0.3)}
+    assert apart_by(arm(), bias, two_sizes).max() < 1e-6
+    signals = ("position", "velocity", "effort")
+    for one, other in (pair := ("torque_bias", "asymmetric_friction")), pair[::-1]:
+        assert set(equivalences(one, signals, beside=["presliding_friction"])) == {other}
+
+
 def test_every_pair_beside_a_third_is_simulated():
-    beside = [e for e in _TABLE if e.beside is not None and not e.whole]
-    assert {e.beside for e in beside} == set(BESIDE)
-    assert {e.effects for e in beside} == {("position_gain", "torque_constant")}
+    beside = [(e.effects, e.beside) for e in _TABLE if e.beside is not None and not e.whole]
+    motor = {(("position_gain", "torque_constant"), damping) for damping in BESIDE}
+    assert {*beside} == {*motor, (("torque_bias", "asymmetric_friction"), "presliding_friction")}
