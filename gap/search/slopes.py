@@ -211,11 +211,15 @@ def linearised_each(
 
 
 def near_slopes(objective: Objective, near: Slopes, starts: Sequence[Fit]) -> Iterator[Slopes]:
-    """Slopes to begin with: those of another fit for the numbers that it has, others simulated."""
+    """Slopes to begin with: those of another fit for the numbers that it has, others simulated.
+
+    Those of what a new effect extends at a place are simulated as well: how rigid friction slopes
+    says nothing of friction that bristles carry.
+    """
     if not len(near.jacobian):
         yield from linearised_each([objective] * len(starts), starts)
         return
-    places = [found_in(start.structure, near.structure) for start in starts]
+    places = [_carried_over(start.structure, near.structure) for start in starts]
     own = [np.flatnonzero(place < 0) for place in places]
     for start, place, slopes in zip(
         starts, places, linearised_each([objective] * len(starts), starts, own), strict=True
@@ -229,6 +233,16 @@ def near_slopes(objective: Objective, near: Slopes, starts: Sequence[Fit]) -> It
         slopes.fresh = slopes.sure = False
         slopes.simulated = len(place)
         yield slopes
+
+
+def _carried_over(structure: Structure, near: Structure) -> NDArray[np.intp]:
+    """(n_parameters,) index of each number among those near by; -1 where its slope is another."""
+    found = found_in(structure, near)
+    new = [slot for slot, place in zip(structure.slots, found, strict=True) if place < 0]
+    other = {(name, slot.place) for slot in new for name in slot.term.effect.extends}
+    is_other = [slot.key[:2] in other for slot in structure.slots]
+    carried: NDArray[np.intp] = np.where(is_other, -1, found)
+    return carried
 
 
 def _perturbed(

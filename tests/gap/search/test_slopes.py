@@ -1,4 +1,4 @@
-"""Slopes and numerical errors of robots that walk, where the smallest move makes residuals jump."""
+"""Slopes: of robots that walk, where the smallest move makes residuals jump; and from near by."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from tests.gap.search.test_fit import EFFORT, POSITION, pendulum, run, structure
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.slopes import linearised, near_slopes
 from walkerkit.gap.search.structure import Case
 from walkerkit.gap.simulation.replay import Replay
 
@@ -77,3 +77,23 @@ def test_and_so_have_slopes(walked):
     expected, found = (linearised(one, start) for one in (here, there))
     np.testing.assert_array_equal(found.residual, expected.residual)
     np.testing.assert_array_equal(found.jacobian, expected.jacobian)
+
+
+def test_slopes_near_by_are_not_those_of_what_a_new_effect_extends(walked):
+    robot, recording = walked
+    one = objective(robot, recording, jumps=False)
+    rigid = structure([robot], viscous_friction=["hip"], coulomb_friction=["hip"])
+    bristles = structure(
+        [robot], viscous_friction=["hip"], coulomb_friction=["hip"], presliding_friction=["hip"]
+    )
+    before, after = evaluate(
+        one, [(rigid, np.array([0.2, 0.05])), (bristles, np.array([0.2, 0.05, 0.05, 0.05]))]
+    )
+    near, there = linearised(one, before), linearised(one, after)
+    (found,) = near_slopes(one, near, [after])
+    viscous, coulomb, frictionloss, _ = found.jacobian
+    np.testing.assert_array_equal(viscous, near.jacobian[0])
+    np.testing.assert_allclose(coulomb, there.jacobian[1], atol=1e-9 * np.abs(coulomb).max())
+    # Bristles carry all dry friction alike.
+    np.testing.assert_allclose(coulomb, frictionloss, atol=1e-6 * np.abs(coulomb).max())
+    assert np.abs(coulomb - near.jacobian[1]).max() > 0.1 * np.abs(coulomb).max()
