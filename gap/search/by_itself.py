@@ -73,9 +73,9 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
     Where feet come down a small change may have steep slopes, by which a number seems needed and
     known to a part in a hundred. Those that foretell more than comes of leaving it out are not
     believed; nor are any of what would be missed least. What leaves the smallest gaps is left out
-    first.
+    first, and all of it together is worth no name.
     """
-    objective, tried = problem.fit.objective, set[Unit]()
+    objective, tried, whole = problem.fit.objective, set[Unit](), slopes.residual
     while units := list(dict.fromkeys(slot.key[:2] for slot in found.structure.slots)):
         fewer = [found.structure.at({*units} - {unit}) for unit in units]
         starts = evaluate(
@@ -97,7 +97,7 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
             tried.add(unit)
             without = settled(problem.fit, start, passes=_PASSES, iterations=_REFITS)
             its = linearised(objective, without)
-            if not leaves_less(problem, its.residual, slopes.residual):
+            if not leaves_less(problem, its.residual, whole):
                 found, slopes = without, its
                 break
             problem.fit.refine(found)
