@@ -209,8 +209,7 @@ def _bend(robot: Robot, site: str, given: Robot) -> float | None:
 class PreslidingFriction(JointEffect):
     """Bristles, seals or grease that bend before the joint slides; all its dry friction does.
 
-    Dry friction of any gear gives a little before it slides. A bend that no log of this motion
-    would show is `coulomb_friction`, so it begins at a few thousandths of the range.
+    Bristles that do not bend are `coulomb_friction`.
     """
 
     name = "presliding_friction"
@@ -244,8 +243,7 @@ class PreslidingFriction(JointEffect):
         own = float(robot.model.dof_frictionloss[joint.dof])
         laws = robot.laws.get(site, {}).get(drivetrain.PreslidingFriction.name)
         size, little, much = 0.1 * excursion.effort, 0.006 * excursion.range, 0.03 * excursion.range
-        least = 0.5 * little
-        known = own / laws["bristle_stiffness"] if laws else least
+        known = own / laws["bristle_stiffness"] if laws else 0.0
         return (
             Parameter(
                 name="frictionloss",
@@ -259,7 +257,7 @@ class PreslidingFriction(JointEffect):
                 name="bend",
                 unit="m" if joint.slide else "rad",
                 zero=known,
-                lower=min(least, known),
+                lower=0.0,
                 upper=max(excursion.range, 2 * known),
                 scale=little,
                 starts=(little, much, little, much),
@@ -279,4 +277,5 @@ class PreslidingFriction(JointEffect):
         stiffness = trials.law(drivetrain.PreslidingFriction, site)["bristle_stiffness"]
         soft = changed & (friction > 0)
         stiffness[changed] = drivetrain.PreslidingFriction.neutral["bristle_stiffness"]
-        stiffness[soft] = np.minimum(friction[soft] / values[soft, 1], hardest)
+        bend = np.maximum(values[soft, 1], friction[soft] / hardest)
+        stiffness[soft] = friction[soft] / bend
