@@ -10,7 +10,13 @@ from scipy.special import gammaln
 
 from tests.gap.search.test_naming import LEG, problem_of
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.search.compare import Member, Table, described, is_worth_a_name
+from walkerkit.gap.search.compare import (
+    Member,
+    Table,
+    described,
+    is_worth_a_name,
+    leaves_smaller_gaps,
+)
 from walkerkit.gap.search.decision import (
     CONFUSION,
     LEAST_GAIN,
@@ -71,6 +77,19 @@ def test_a_block_is_scored_by_a_student_t() -> None:
     every = np.sum([log_t(square, variance) for square in one.squares[:, 0]], axis=0)
     best = variance[int(np.argmax(every))]
     assert density == pytest.approx(float(log_t(one.squares[0, 0], best)), abs=1e-2)
+
+
+def test_samples_that_are_alike_count_as_fewer() -> None:
+    """Of memory 4, twenty samples tell what five do whose squares are a fourth."""
+    alike = replace(scores(0.02), memory=np.full(1, 4.0))
+    fewer = scores(0.02)
+    fewer = replace(
+        fewer,
+        squares=fewer.squares / 4,
+        elsewhere=fewer.elsewhere / 4,
+        count=np.full_like(fewer.count, ROWS / 4),
+    )
+    assert alike.elpd(alike) == pytest.approx(fewer.elpd(fewer))
 
 
 def test_a_wild_block_does_not_outvote_the_rest(problem: Problem) -> None:
@@ -149,7 +168,7 @@ def test_what_could_be_exchanged_lacks_nothing_else(problem: Problem) -> None:
 
 
 def test_the_frame_has_a_row_for_each(problem: Problem) -> None:
-    better, worse = scores(0.01), scores(0.02)
+    better, worse = scores(0.01), scores(0.02, wild=0.1)
     table = Table(
         (member(problem, {}, worse), member(problem, {"payload": ("shin", "thigh")}, better))
     )
@@ -160,6 +179,9 @@ def test_the_frame_has_a_row_for_each(problem: Problem) -> None:
     expected = (table.blocks[0] - table.blocks[1]).sum()
     assert frame.difference[1] == pytest.approx(expected)
     assert frame.weight[1] < np.exp(-frame.se[1] / TEMPERATURE)
+    # Of a sum over blocks, as Vehtari, Gelman and Gabry (2017) have it.
+    of_blocks = table.blocks[0] - table.blocks[1]
+    assert frame.se[1] == pytest.approx(np.sqrt(BLOCKS) * np.std(of_blocks))
 
 
 def test_effects_of_all_joints_need_no_places() -> None:
@@ -189,6 +211,29 @@ def test_the_typical_block_is_enough(problem: Problem) -> None:
     assert is_worth_a_name(old, new, ["knee"])
 
 
+@pytest.mark.parametrize("part", [0.9, 1.1])
+def test_and_so_is_a_wild_one_that_holds_much_of_all(part: float) -> None:
+    """Over all blocks the gap shrinks by a part of LEAST_GAIN, in the typical one by less."""
+    after = np.full((BLOCKS, 1), ROWS * 0.02**2)
+    before = after.copy()
+    before[0] += after.sum() * (np.exp(2 * part * LEAST_GAIN) - 1)
+    assert 0.5 * np.log(before[0] / after[0]) / BLOCKS < 0.8 * LEAST_GAIN
+    count = np.full_like(before, ROWS)
+    worth = leaves_smaller_gaps(before, after, count=count, floor=np.full(1, 1e-6), joints=["knee"])
+    assert worth is (part > 1)
+
+
+@pytest.mark.parametrize("part", [0.9, 1.1])
+def test_what_is_below_the_floor_is_as_small_as_the_floor(part: float) -> None:
+    count = np.full((BLOCKS, 1), ROWS)
+    after = count * (0.1 * FLOOR) ** 2
+    before = count * (2 * np.exp(2 * part * LEAST_GAIN) - 1) * FLOOR**2
+    worth = leaves_smaller_gaps(
+        before, after, count=count, floor=np.full(1, FLOOR), joints=["knee"]
+    )
+    assert worth is (part > 1)
+
+
 def test_what_comes_back_without_an_effect(problem: Problem) -> None:
     """Of squares over both joints: 5 without it, 2 with it, 10 with nothing; of effort half."""
     nothing = member(problem, {}, scores(3.0, 1.0, 2.0))
@@ -214,6 +259,12 @@ def test_of_those_that_hardly_differ_the_smallest_is_told(problem: Problem) -> N
     kept = {id(one): k for k, one in enumerate(table.members)}
     assert kept[id(table.best_by(near))] == 0  # as many numbers, the first
     assert table.best_by(np.array([-0.6 * PRICE_PLACE, 0.0])) is smaller
+    larger = replace(fitted(2, 0.01), kept=np.arange(3))
+    of_two = Table((larger, smaller))
+    for worth in (0.0, 100.0, -100.0):
+        near, far = (np.array([worth, worth - part * PRICE_PLACE]) for part in (0.4, 0.6))
+        assert of_two.best_by(near) is smaller
+        assert of_two.best_by(far) is larger
     assert table.best_of([smaller.key]) is smaller
     assert table.worth_of(smaller) == table.worth[1]
 
