@@ -236,7 +236,7 @@ class _Search:
         self._book.fit_what_is_in_the_running(partial(only_needed, self._problem))
 
     def once_more(self, effects: Sequence[Effect], grown: Fit, begun: Begun) -> None:
-        """Looks for rare effects again, where much of what was grown is not known to be there.
+        """Looks for rare effects again, where much or all that was grown is not known to be there.
 
         What is ordinary may follow a rare effect by numbers of which none is known: beside them it
         promises nothing, and without them much. So rare effects have the model as given to
@@ -244,7 +244,8 @@ class _Search:
         """
         problem, book = self._problem, self._book
         known = book.best.fit
-        if problem.on_feet or known.score < grown.score + LEAST_GAIN:
+        is_known = known.structure.terms and known.score < grown.score + LEAST_GAIN
+        if problem.on_feet or is_known:
             return
         found = self._grown(effects, begun.nothing)
         if found is begun.nothing or found is known:
