@@ -113,6 +113,10 @@ def wholes(effect: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(entry.effects[1] for entry in entries))
 
 
+def _anywhere(robot: Robot, joints: Sequence[str]) -> bool:
+    return True
+
+
 def _of_all_joints(robot: Robot, joints: Sequence[str]) -> bool:
     return tuple(joints) == (EVERYWHERE,) or len(robot.joints) == 1
 
@@ -313,9 +317,9 @@ _TABLE: tuple[Equivalence, ...] = (
             ),
         )
         for alone, beside, whole, holds in (
-            ("torque_bias", "coulomb_friction", True, lambda robot, joints: True),
-            ("coulomb_friction", "torque_bias", True, lambda robot, joints: True),
-            ("torque_bias", "presliding_friction", False, lambda robot, joints: True),
+            ("torque_bias", "coulomb_friction", True, _anywhere),
+            ("coulomb_friction", "torque_bias", True, _anywhere),
+            ("torque_bias", "presliding_friction", False, _anywhere),
             ("torque_bias", None, False, _rubs_dry),
         )
     ),
@@ -325,7 +329,7 @@ _TABLE: tuple[Equivalence, ...] = (
             effects=(alone, "directional_efficiency"),
             beside=beside,
             whole=True,
-            holds=lambda robot, joints: True,
+            holds=_anywhere,
             usual=True,
             reason=(
                 "A gear that is worth less when it drives is the same as friction in proportion to "

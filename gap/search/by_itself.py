@@ -76,7 +76,7 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
     first, and all of it together is worth no name.
     """
     objective, tried, whole = problem.fit.objective, set[Unit](), slopes.residual
-    while units := list(dict.fromkeys(slot.key[:2] for slot in found.structure.slots)):
+    while units := list(dict.fromkeys(slot.unit for slot in found.structure.slots)):
         fewer = [found.structure.at({*units} - {unit}) for unit in units]
         starts = evaluate(
             objective, [(one, carried(found.values, found.structure, one)) for one in fewer]
@@ -127,7 +127,7 @@ def leaves_less(problem: Problem, before: FloatArray, after: FloatArray) -> bool
 def _out(one: Fit, unit: Unit) -> FloatArray:
     """(n_parameters,) the step, in scales, that leaves an effect at a place out."""
     structure = one.structure
-    own = [slot.key[:2] == unit for slot in structure.slots]
+    own = [slot.unit == unit for slot in structure.slots]
     return np.where(own, (structure.zero - one.values) / structure.scale, 0.0)
 
 

@@ -240,7 +240,7 @@ def _carried_over(structure: Structure, near: Structure) -> NDArray[np.intp]:
     found = found_in(structure, near)
     new = [slot for slot, place in zip(structure.slots, found, strict=True) if place < 0]
     other = {(name, slot.place) for slot in new for name in slot.term.effect.extends}
-    is_other = [slot.key[:2] in other for slot in structure.slots]
+    is_other = [slot.unit in other for slot in structure.slots]
     carried: NDArray[np.intp] = np.where(is_other, -1, found)
     return carried
 

@@ -60,7 +60,12 @@ class Slot:
     @property
     def key(self) -> tuple[str, str, str]:
         """What it is in any structure."""
-        return self.term.effect.name, self.place, self.parameter.name
+        return (*self.unit, self.parameter.name)
+
+    @property
+    def unit(self) -> Unit:
+        """The effect and the place that it is a number of."""
+        return self.term.effect.name, self.place
 
 
 @dataclass(frozen=True)

@@ -194,8 +194,8 @@ def test_beside_bristles_a_bias_is_friction_of_two_sizes(bend):
     bias = bristles | {"torque_bias": (-0.3,)}
     two_sizes = bristles | {"asymmetric_friction": (0.3, -0.3)}
     assert apart_by(arm(), bias, two_sizes).max() < 1e-6
-    signals = ("position", "velocity", "effort")
-    for one, other in (pair := ("torque_bias", "asymmetric_friction")), pair[::-1]:
+    pair, signals = ("torque_bias", "asymmetric_friction"), ("position", "velocity", "effort")
+    for one, other in (pair, pair[::-1]):
         assert set(equivalences(one, signals, beside=["presliding_friction"])) == {other}
 
 
