@@ -115,7 +115,9 @@ class Book:
                 others have by themselves.
         """
         by_itself: set[Hashable] = set()
+        begun: set[Rare] = set()
         short = _Shortfalls()
+        more: dict[Hashable, float] = {}  # than slopes promised is what some are worth
         others = 0
         for _ in range(_MOST_BY_THEMSELVES):
             table = self.table
@@ -123,22 +125,23 @@ class Book:
                 0.0 if member.key in by_itself else short.of(member) for member in table.members
             ]
             best = table.best_by(worth)
-            least = worth.max() + np.log(1 - CONFUSION)
-            tried = {member.rare for member in table.members if member.key in by_itself}
+            # Of the others slopes may promise too little as well.
+            promised = worth - [more.get(member.key, 0.0) for member in table.members]
+            least = promised.max() + np.log(1 - CONFUSION)
             # One of each that has other rare effects, and always the best.
             running = [
                 table.members[k]
                 for k in np.argsort(-worth, kind="stable")
-                if worth[k] >= least and table.members[k].rare not in tried
+                if worth[k] >= least and table.members[k].rare not in begun
             ]
             running = [m for m in (best, *running) if m.key not in by_itself]
             others += best.key in by_itself
             if not running or others == _MOST_IN_THE_RUNNING:
                 break
             one = running[0]
-            promised = table.worth_of(one)
+            done = {member.rare for member in table.members if member.key in by_itself} - {one.rare}
             by_itself.add(one.key)
-            done = tried - {one.rare}
+            begun.add(one.rare)
             alone = fitted(one, done)
             if rare_effects(alone.structure) in done:
                 self._members = [m for m in self._members if m.key != one.key]
@@ -147,7 +150,11 @@ class Book:
                 continue
             itself = self._put(one, alone, by_itself)
             by_itself.add(itself.key)
-            short.add(one, promised - self.table.worth_of(itself))
+            begun.add(itself.rare)
+            both = Table((*self._members, one))
+            far = both.worth_of(one) - both.worth_of(itself)
+            short.add(one, far)
+            more[itself.key] = max(0.0, -far)
         self._among = by_itself
         self._forget_what_did_not_come(short.rare)
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from scipy.optimize import brentq
 
 from tests.gap.search.test_naming import LEG, fitted, hide, problem_of
 from walkerkit.gap.search.book import Book
@@ -81,3 +82,33 @@ def test_what_comes_down_to_rare_effects_of_another_is_no_member(leg: Problem) -
     assert asked == [(rare[0], set()), (rare[1], {rare[2]})]
     assert book.best.rare == rare[2]
     assert rare[1] not in by_rare(book)
+
+
+def test_what_slopes_had_near_the_best_is_fitted_by_itself_though_that_gained(leg: Problem) -> None:
+    knee, ankle = rubbed(leg, "knee"), rubbed(leg, "ankle")
+    itself = {rare_effects(one.structure): one for one in (knee, ankle)}
+
+    def ahead(book: Book) -> float:
+        worth = {m.rare: book.table.worth_of(m) for m in reversed(book.table.members)}
+        return worth[rare_effects(ankle.structure)] - worth[rare_effects(knee.structure)]
+
+    def begun(part: float) -> Book:
+        values = ankle.values.copy()
+        values[-1] *= part
+        (poor,) = evaluate(leg.fit.objective, [(ankle.structure, values)])
+        book = Book(leg)
+        for one in (poor, knee):
+            book.add(one)
+        return book
+
+    part = brentq(lambda part: ahead(begun(part)) - 1.0, 0.5, 1.0, rtol=1e-4)
+    book, asked = begun(part), []
+    assert 0 < ahead(book) < 2
+
+    def alone(member: Member, done: Collection[Rare]) -> Fit:
+        asked.append(member.rare)
+        return itself[member.rare]
+
+    book.fit_what_is_in_the_running(alone)
+    assert ahead(book) > 20
+    assert asked == [rare_effects(ankle.structure), rare_effects(knee.structure)]
