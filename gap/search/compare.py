@@ -180,7 +180,7 @@ class Table:
     def share(self, effects: Collection[str], quantities: Sequence[str]) -> float:
         """What of the gap of the smallest structure comes back without some effects.
 
-        Squared gaps of all channels of a quantity are added up, as in the gap that is told, so that
+        Of blocks that fits have not seen, as in the comparison. Squared gaps of all channels of a quantity are added up, as in the gap that is told, so that
         joints with small gaps count little; of quantities the mean.
 
         Args:
@@ -195,7 +195,7 @@ class Table:
             return np.inf
         without = self.members[int(np.argmax(np.where(lacks, self.worth, -np.inf)))]
         smallest = min(self.members, key=lambda member: len(member.effects))
-        squares = np.stack([m.scores.squares.sum(axis=0) for m in (without, self.best, smallest)])
+        squares = np.stack([m.scores.unseen.sum(axis=0) for m in (without, self.best, smallest)])
         shares = []
         for quantity in dict.fromkeys(quantities):
             back, left, whole = squares[:, [own == quantity for own in quantities]].sum(axis=1)

@@ -55,6 +55,11 @@ class Scores:
     floor: FloatArray
 
     @property
+    def unseen(self) -> FloatArray:
+        """(n_blocks, n_scored) the mean of `squares` and `elsewhere`, as the elpd is of theirs."""
+        return 0.5 * (self.squares + self.elsewhere)
+
+    @property
     def size(self) -> FloatArray:
         """(n_scored,) root mean squares over all blocks."""
         size: FloatArray = np.sqrt(self.squares.sum(axis=0) / np.maximum(self.count.sum(axis=0), 1))

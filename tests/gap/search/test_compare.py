@@ -248,6 +248,14 @@ def test_what_comes_back_without_an_effect(problem: Problem) -> None:
     assert Table((best,)).share(["payload"], ["position", "position", "effort"]) == np.inf
 
 
+def test_what_comes_back_is_of_blocks_of_other_recordings_too(problem: Problem) -> None:
+    """Of squares: without it 1 beside what was fitted, 7 in other recordings; with it a quarter."""
+    of = scores(1.0)
+    without = member(problem, {}, replace(of, elsewhere=7 * of.squares))
+    best = member(problem, {"payload": ("shin",)}, scores(0.5))
+    assert Table((without, best)).share(["payload"], ["position"]) == pytest.approx((4 - 0.25) / 4)
+
+
 def test_of_those_that_hardly_differ_the_smallest_is_told(problem: Problem) -> None:
     def fitted(kept: int, size: float) -> Member:
         one = member(problem, {"armature": ("knee",)}, scores(size))
