@@ -180,8 +180,9 @@ class Table:
     def share(self, effects: Collection[str], quantities: Sequence[str]) -> float:
         """What of the gap of the smallest structure comes back without some effects.
 
-        Of blocks that fits have not seen, as in the comparison. Squared gaps of all channels of a quantity are added up, as in the gap that is told, so that
-        joints with small gaps count little; of quantities the mean.
+        Of blocks that fits have not seen, as in the comparison. Squared gaps of all channels of a
+        quantity are added up, as in the gap that is told, so that joints with small gaps count
+        little; of quantities the mean.
 
         Args:
             effects: names of them.
