@@ -20,7 +20,7 @@ from walkerkit.gap.search.afresh import afresh, as_given, that_leave_least
 from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
-from walkerkit.gap.search.fit import evaluate, fit, polished, promises
+from walkerkit.gap.search.fit import CONVERGED, evaluate, fit, polished, promises
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.signatures import View, look
@@ -166,7 +166,7 @@ def _promising(
     # What gains nothing of little needs no slopes on everything.
     hopeful = [one for one in starts if one.score < there.score]
     promised = promises(objective, hopeful, near)
-    order = sorted(range(len(hopeful)), key=lambda k: promised[k])
+    order = each_once(hopeful, promised)
     worth = max(_OF_THE_LEAST * least_gain(problem), _brought(objective, own, instead_of))
     reach = own.score - worth
     best = [hopeful[k] for k in order if promised[k] < reach][:_FITTED]
@@ -180,6 +180,17 @@ def _promising(
         and (_is_of(one, always) or (_is_of(one, plain) and len(one.structure.terms) == single))
     ]
     return best
+
+
+def each_once(fits: Sequence[Fit], promised: Sequence[float]) -> list[int]:
+    """The order of fits by their promises, of those that ended at the same but one."""
+    kept: list[int] = []
+    for k in sorted(range(len(fits)), key=promised.__getitem__):
+        same = (fits[i].structure.key == fits[k].structure.key for i in kept)
+        near = (promised[k] - promised[i] < CONVERGED for i in kept)
+        if not any(a and b for a, b in zip(same, near, strict=True)):
+            kept.append(k)
+    return kept
 
 
 def _where_it_stays_within_bounds(objective: Objective, one: Fit, near: Slopes | None) -> Fit:

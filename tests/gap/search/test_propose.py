@@ -68,6 +68,16 @@ def test_a_general_law_comes_with_its_plain_case(made, monkeypatch):
     assert set(names) == {"torque_ripple", "torque_constant"}
 
 
+def test_starts_that_ended_at_the_same_are_one(made):
+    problem, nothing = made("torque_bias")
+    bias, other = (
+        replace(nothing, structure=nothing.structure.with_term(term))
+        for term in problem.terms([CATALOGUE["torque_bias"], CATALOGUE["torque_constant"]])
+    )
+    promised = [-5.0, -5.0 + 0.5 * propose.CONVERGED, -5.0, -4.0]
+    assert propose.each_once([bias, bias, other, bias], promised) == [0, 2, 3]
+
+
 def test_what_promises_nothing_is_not_fitted(made):
     problem, nothing = made("torque_bias")
     assert "torque_bias" in proposed(problem, nothing, "torque_bias", "clock_skew")
