@@ -16,6 +16,7 @@ from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.compare import Member, Rare, leaves_smaller_gaps, rare_effects
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
 from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.settle import robustly, settled
@@ -81,7 +82,8 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
         starts = evaluate(
             objective, [(one, carried(found.values, found.structure, one)) for one in fewer]
         )
-        here = slopes.far_score(objective, np.zeros_like(found.values))
+        foretold = Foretold(objective, slopes)
+        here = foretold.score(np.zeros_like(found.values))
         least = min(start.score for start in starts)
         astray = [
             (unit, start)
@@ -89,8 +91,7 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
             if unit not in tried
             and (
                 start.score == least
-                or start.score - found.score
-                < _KEEPS * (slopes.far_score(objective, _out(found, unit)) - here)
+                or start.score - found.score < _KEEPS * (foretold.score(_out(found, unit)) - here)
             )
         ]
         for unit, start in sorted(astray, key=lambda one: one[1].score):

@@ -117,7 +117,7 @@ class NumericalError:
         products = np.einsum("irc,jrc->ijc", self.changes, self.changes)
         size = np.einsum("tc,ijc->tij", weights, products)
         along = np.einsum("tc,itc->ti", weights, np.einsum("irc,trc->itc", self.changes, residual))
-        factors = _bounded_least_squares(size, -along, self.bounds)
+        factors = bounded_least_squares(size, -along, self.bounds)
         for factor, change in zip(factors.T, self.changes, strict=True):
             residual += factor[:, None, None] * change
         return factors
@@ -149,9 +149,7 @@ class NumericalError:
         return at[0], np.subtract(moved, corrected, out=corrected)
 
 
-def _bounded_least_squares(
-    matrix: FloatArray, target: FloatArray, bounds: FloatArray
-) -> FloatArray:
+def bounded_least_squares(matrix: FloatArray, target: FloatArray, bounds: FloatArray) -> FloatArray:
     """Minimises ½ xᵀAx − bᵀx within bounds, (t, k, k), (t, k) and (k, 2) → (t, k)."""
     x = np.zeros_like(target)
     # A trial that diverged has no weights; it stays at zero.

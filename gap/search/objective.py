@@ -349,7 +349,9 @@ class Objective:
     def factor(self, way: Way, case: Case) -> float:
         """How much of what another way changes suits one row of values best; 0 where unknown."""
         residual = self.freed([case])[0]
-        factors = self.numerical.take_out(residual, self._numerical_weights(residual))[0]
+        factors = self.numerical.take_out(residual, self.error_weights(self.mean_square(residual)))[
+            0
+        ]
         return float(factors[self.numerical.ways.index(way)]) if way in self.numerical.ways else 0.0
 
     def numerical_size(self) -> FloatArray:
@@ -389,7 +391,7 @@ class Objective:
         at = residual[None].copy()
         self.numerical.free(at)
         self.numerical.free(changes)
-        (weights,) = self._numerical_weights(at)
+        (weights,) = self.error_weights(self.mean_square(at))
         return self.numerical.take_out_along(at[0], changes, weights)
 
     def _as_simulated(self, cases: Sequence[Case]) -> FloatArray:
@@ -438,16 +440,11 @@ class Objective:
     def _take_out(self, error: NumericalError, residual: FloatArray) -> None:
         error.free(residual)
         if len(error.changes):
-            error.take_out(residual, self._numerical_weights(residual))
+            error.take_out(residual, self.error_weights(self.mean_square(residual)))
 
-    def take_out_factors(self, residual: FloatArray) -> None:
-        """The same of residuals that are freed of what starts can make."""
-        if len(self.numerical.changes):
-            self.numerical.take_out(residual, self._numerical_weights(residual))
-
-    def _numerical_weights(self, residual: FloatArray) -> FloatArray:
-        """(n, n_scored) by which the channels decide on the factors."""
-        weights: FloatArray = 1 / (self.count * (self.mean_square(residual) + self.floor**2))
+    def error_weights(self, mean_square: FloatArray) -> FloatArray:
+        """(..., n_scored) by which channels decide on how much numerical error is taken out."""
+        weights: FloatArray = 1 / (self.count * (mean_square + self.floor**2))
         return weights
 
     def grouped(self, cases: Sequence[Case]) -> list[slice]:

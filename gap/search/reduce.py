@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.compare import Member, is_worth_a_name
 from walkerkit.gap.search.decision import LEAST_GAIN, TEMPERATURE
+from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.score import Scoring
+from walkerkit.gap.search.score import Scoring, memory_of
 from walkerkit.gap.search.slopes import Slopes, posterior_equations
 from walkerkit.gap.search.structure import Fit, Slot, Unit
 
@@ -79,11 +80,10 @@ class _Reduction:
         *,
         any_may_go: bool = False,
     ):
-        self._objective, self._fit, self._slopes = objective, one, slopes
+        self._fit, self._foretold = one, Foretold(objective, slopes)
         self._any_may_go = any_may_go
-        every = np.arange(len(one.values))
-        self._scoring = Scoring(objective, one, slopes, noise)
-        self.scale = self._scoring.scores(slopes.residual, every)
+        self._scoring = Scoring(objective, one, self._foretold, noise)
+        self._memory = memory_of(objective, slopes.residual)
         normal, _ = posterior_equations(objective, one, slopes)
         self._covariance = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
         self._joints = [channel.joint for channel in objective.channels]
@@ -107,7 +107,7 @@ class _Reduction:
 
     def _score(self, dropped: Sequence[Unit]) -> float:
         """The score without some units, with the numerical error within its bounds."""
-        return self._slopes.far_score(self._objective, self._moved(dropped))
+        return self._foretold.score(self._moved(dropped))
 
     @property
     def whole(self) -> Member:
@@ -142,7 +142,9 @@ class _Reduction:
 
     def _worth(self, member: Member) -> float:
         # Slopes at a fit with all that is ordinary say little of what each recording tells alone.
-        return float(member.scores.elpd_nearby(self.scale).sum()) / TEMPERATURE + member.log_prior
+        return (
+            float(member.scores.elpd_nearby(member.scores).sum()) / TEMPERATURE + member.log_prior
+        )
 
     def _columns(self, units: Iterable[Unit]) -> NDArray[np.intp]:
         return np.array([k for unit in units for k in self.units[unit]], dtype=np.intp)
@@ -171,10 +173,10 @@ class _Reduction:
         gone = self._columns(dropped)
         kept = np.setdiff1d(np.arange(len(self._away)), gone)
         moved = self._moved(dropped)
-        residual = self._slopes.far(self._objective, moved)
+        far = self._foretold.far(moved)
         return Member(
             effects=_effects([self._fit.structure.slots[k] for k in kept]),
-            scores=self._scoring.scores(residual, kept, self.scale.memory),
+            scores=self._scoring.scores(far, kept, self._memory),
             fit=self._fit,
             kept=kept,
             values=self._fit.values + moved * self._fit.structure.scale,

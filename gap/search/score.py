@@ -1,7 +1,8 @@
 """Scores: how well a fitted structure predicts blocks of time that its fit has not seen.
 
-    scoring = Scoring(objective, fit, slopes, noise)
-    scores = scoring.scores(slopes.residual, np.arange(len(fit.values)))
+    foretold = Foretold(objective, slopes)
+    scoring = Scoring(objective, fit, foretold, noise)
+    scores = scoring.scores(foretold.far(step), kept, memory_of(objective, slopes.residual))
     scores.elpd(scores)     # (n_blocks,) log densities
 
 A block is half a second. Its score is the log density of its residual, under a multivariate
@@ -23,8 +24,8 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from walkerkit.gap.search.decision import NUMERICAL_LEFT, TAILS
+from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.objective import Objective
-from walkerkit.gap.search.slopes import Slopes
 from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
@@ -149,69 +150,51 @@ class Scoring:
     Args:
         objective: the recordings.
         one: the fit, to them.
-        slopes: its slopes there.
+        foretold: its residual, wherever its slopes lead.
         noise: (n_scored,) of the measurement.
     """
 
-    def __init__(self, objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray):
-        self._objective = objective
+    def __init__(self, objective: Objective, one: Fit, foretold: Foretold, noise: FloatArray):
+        self._foretold = foretold
         self._floor = _floor(objective, noise)
         self._count = objective.block_counts()
-        fold = objective.folds[objective.block]
-        self._parts = [np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1)]
-        self._jacobians = [slopes.jacobian[:, rows] for rows in self._parts]
-        n = len(one.values)
-        weights = objective.weights(one.mean_square)
-        self._weighted = [
-            (own * weights).reshape(n, own.shape[1] * own.shape[2]) for own in self._jacobians
-        ]
-        self._normal = np.stack(
-            [
-                weighted @ own.reshape(weighted.shape).T
-                for weighted, own in zip(self._weighted, self._jacobians, strict=True)
-            ]
-        )
+        self._part = objective.folds
+        products = foretold.products(objective.weights(one.mean_square), self._part)
+        self._pull = foretold.along @ products
+        self._normal = self._pull @ foretold.along.T
         # What goes together: each part by itself, and all parts of a recording where it has others.
-        recording = objective.recording_of_block[objective.block][[part[0] for part in self._parts]]
-        self._together = [np.arange(len(self._parts))]
+        _, first = np.unique(self._part, return_index=True)
+        recording = objective.recording_of_block[first]
+        self._together = [np.arange(len(first))]
         if recording.max() > 0:
             self._together.append(recording)
         self._prior = one.structure.prior_curvature(one.values) / objective.prior_samples
 
-    def scores(
-        self, residual: FloatArray, kept: NDArray[np.intp], memory: FloatArray | None = None
-    ) -> Scores:
+    def scores(self, far: FloatArray, kept: NDArray[np.intp], memory: FloatArray) -> Scores:
         """Those of one structure.
 
         Args:
-            residual: (rows, n_scored) of the structure.
+            far: (n_columns,) of what its residual is made.
             kept: indices of the values that it has; the others are fixed.
-            memory: of the residuals, where it is known.
+            memory: (n_scored,) of the residuals.
         """
-        squares, elsewhere = self._left_out(residual, kept)
+        squares, elsewhere = self._left_out(far, kept)
         return Scores(
             squares=squares,
             elsewhere=elsewhere,
             count=self._count,
-            memory=memory_of(self._objective, residual) if memory is None else memory,
+            memory=memory,
             floor=self._floor,
         )
 
-    def _left_out(
-        self, residual: FloatArray, kept: NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray]:
+    def _left_out(self, far: FloatArray, kept: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """(n_blocks, n_scored) sums of squares of blocks without their part and their recording."""
         if not len(kept):
-            squares = self._objective.block_squares(residual)
+            squares = self._foretold.squares(far)
             return squares, squares
         normal = self._normal[:, kept[:, None], kept]
         total = normal.sum(axis=0) + np.diag(self._prior[kept])
-        pull = np.stack(
-            [
-                weighted[kept] @ residual[rows].ravel()
-                for weighted, rows in zip(self._weighted, self._parts, strict=True)
-            ]
-        )
+        pull = self._pull[:, kept] @ far
         # Where slopes of another place led, what is left still pulls in all parts together.
         pull -= normal @ np.linalg.solve(total, pull.sum(axis=0))
         # What a part alone knows of may be open without it; its prior holds it then.
@@ -220,11 +203,9 @@ class Scoring:
         for of_part in self._together:
             has = np.equal.outer(np.arange(of_part.max() + 1), of_part).astype(float)
             without = total - np.tensordot(has, normal, 1) + ridge
-            step = np.linalg.solve(without, (has @ pull)[..., None])[of_part]
-            moved = np.empty_like(residual)
-            for rows, jacobian, its in zip(self._parts, self._jacobians, step, strict=True):
-                moved[rows] = residual[rows] + np.tensordot(its[:, 0], jacobian[kept], 1)
-            found.append(self._objective.block_squares(moved))
+            step = np.linalg.solve(without, (has @ pull)[..., None])[of_part, :, 0]
+            moved = far + step @ self._foretold.along[kept]
+            found.append(self._foretold.squares(moved[self._part]))
         return found[0], found[-1]
 
 

@@ -62,24 +62,6 @@ class Slopes:
         """(n_parameters, rows, n_scored) per scale, with the numerical error in them."""
         return self.jacobian if self.uncorrected is None else self.uncorrected[1]
 
-    def far(self, objective: Objective, step: FloatArray) -> FloatArray:
-        """(rows, n_scored) the residual after a step, (n_parameters,) in scales, however long.
-
-        The numerical error is taken out of it within its bounds, which a long step may reach.
-        """
-        if self.uncorrected is None:
-            near: FloatArray = self.residual + np.tensordot(step, self.jacobian, 1)
-            return near
-        residual, jacobian = self.uncorrected
-        far: FloatArray = residual + np.tensordot(step, jacobian, 1)
-        objective.take_out_factors(far[None])  # in place
-        return far
-
-    def far_score(self, objective: Objective, step: FloatArray) -> float:
-        """The score after a step, however long."""
-        residual = self.far(objective, step)
-        return float(objective.score(objective.mean_square(residual[None]))[0])
-
     def correct(self, objective: Objective) -> None:
         """Takes out the numerical error."""
         self.residual, self.jacobian = objective.corrected(self.residual, self.jacobian)

@@ -10,9 +10,11 @@ import pytest
 from tests.gap.search.test_fit import noisy, objective, pendulum, run, sized, structure
 from walkerkit.gap.search.decision import TAILS
 from walkerkit.gap.search.fit import evaluate, fit
+from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.score import Scores, Scoring, Wildness, memory_of
 from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.structure import Fit
 
 FLOOR = 1e-3
 
@@ -24,6 +26,15 @@ def recordings():
         noisy(run(robot, seconds, name, amplitude, dof_damping=0.3), rng)
         for name, seconds, amplitude in [("short", 1.5, 0.3), ("long", 6.0, 0.5)]
     ]
+
+
+def scored(one: Objective, found: Fit, *step: float) -> Scores:
+    """A fit with all its numbers; after a step of the first of them, in scales."""
+    slopes = linearised(one, found)
+    foretold, n = Foretold(one, slopes), len(found.values)
+    far = foretold.far(np.pad(step, (0, n - len(step))))
+    scoring = Scoring(one, found, foretold, np.full(1, FLOOR))
+    return scoring.scores(far, np.arange(n), memory_of(one, slopes.residual))
 
 
 def test_a_fold_is_a_part_of_one_recording_and_a_tenth_of_all_at_most(recordings):
@@ -46,7 +57,7 @@ def test_what_is_left_out_is_predicted_as_by_a_fit_without_it(recordings):
     tried = structure([robot], viscous_friction=["hip"], torque_bias=["hip"])
     (found,) = fit(one, evaluate(one, [(tried, np.array([0.25, 0.0]))]), iterations=5)
     slopes = linearised(one, found)
-    scores = Scoring(one, found, slopes, np.full(1, FLOOR)).scores(slopes.residual, np.arange(2))
+    scores = scored(one, found)
     seen = one.block_squares(slopes.residual)
     of_block = one.recording_of_block
     assert set(of_block) == {0, 1}
@@ -76,8 +87,7 @@ def test_where_there_is_one_recording_no_other_predicts_it(recordings):
     assert one.folds.max() > 0
     tried = structure([sized(pendulum(), *parts)], viscous_friction=["hip"])
     (found,) = fit(one, evaluate(one, [(tried, np.array([0.25]))]), iterations=5)
-    slopes = linearised(one, found)
-    scores = Scoring(one, found, slopes, np.full(1, FLOOR)).scores(slopes.residual, np.arange(1))
+    scores = scored(one, found)
     assert scores.elsewhere is scores.squares
 
 
@@ -88,16 +98,10 @@ def test_what_slopes_elsewhere_led_to_is_left_out_as_from_where_a_fit_ends(recor
     tried = structure([robot], viscous_friction=["hip"])
     (found,) = fit(one, evaluate(one, [(tried, np.array([0.25]))]), iterations=5)
     slopes = linearised(one, found)
-    scoring = Scoring(one, found, slopes, np.full(1, FLOOR))
-    kept, along = np.arange(1), slopes.jacobian[0]
-
-    def scores(far: float) -> Scores:
-        return scoring.scores(slopes.residual + far * along, kept)
-
     far = 0.1
-    more, there, less = scores(far), scores(0.0), scores(-far)
+    more, there, less = (scored(one, found, step) for step in (far, 0.0, -far))
     # The step that leaves a part out is the same, so that squares bend as those of the slopes.
-    bend = 2 * one.block_squares(far * along)
+    bend = 2 * one.block_squares(far * slopes.jacobian[0])
     assert more.squares + less.squares - 2 * there.squares == pytest.approx(bend, rel=1e-3)
     assert more.elsewhere + less.elsewhere - 2 * there.elsewhere == pytest.approx(bend, rel=1e-3)
 
