@@ -101,7 +101,12 @@ class Book:
         """Whether the table has a fit that was added."""
         return any(member.fit is one for member in self._members)
 
-    def fit_what_is_in_the_running(self, fitted: Callable[[Member, Collection[Rare]], Fit]) -> None:
+    def fit_what_is_in_the_running(
+        self,
+        fitted: Callable[[Member, Collection[Rare]], Fit],
+        *,
+        most: int = _MOST_BY_THEMSELVES,
+    ) -> None:
         """Has the structures that may be the best fitted by themselves, of which `best` then is.
 
         Until then they are read off slopes of fits with everything ordinary in them, which say
@@ -113,13 +118,15 @@ class Book:
         Args:
             fitted: fits a member by itself, as long as it does not come down to rare effects that
                 others have by themselves.
+            most: of them that are fitted. If slopes promise more of others still, it is not
+                believed.
         """
         by_itself: set[Hashable] = set()
         begun: set[Rare] = set()
         short = _Shortfalls()
         more: dict[Hashable, float] = {}  # than slopes promised is what some are worth
-        others = 0
-        for _ in range(_MOST_BY_THEMSELVES):
+        others, tried = 0, short.rare
+        for _ in range(most):
             table = self.table
             worth = table.worth - [
                 0.0 if member.key in by_itself else short.of(member) for member in table.members
@@ -155,8 +162,10 @@ class Book:
             far = both.worth_of(one) - both.worth_of(itself)
             short.add(one, far)
             more[itself.key] = max(0.0, -far)
+        else:
+            tried = {member.rare for member in self._members}
         self._among = by_itself
-        self._forget_what_did_not_come(short.rare)
+        self._forget_what_did_not_come(tried)
 
     def _forget_what_did_not_come(self, tried: Collection[Rare]) -> None:
         """Forgets what slopes promise beyond the best of what was fitted by itself.
@@ -164,7 +173,7 @@ class Book:
         Of others with the same rare effects it did not come.
 
         Args:
-            tried: rare effects of what was fitted by itself.
+            tried: rare effects of which it is not believed.
         """
         table, known = self.table, self._among or set()
         most = table.worth_of(self.best)

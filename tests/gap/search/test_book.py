@@ -112,3 +112,17 @@ def test_what_slopes_had_near_the_best_is_fitted_by_itself_though_that_gained(le
     book.fit_what_is_in_the_running(alone)
     assert ahead(book) > 20
     assert asked == [rare_effects(ankle.structure), rare_effects(knee.structure)]
+
+
+def test_what_slopes_promise_is_not_told_if_it_never_came(leg: Problem) -> None:
+    book, right = Book(leg), rubbed(leg, "knee", "ankle")
+    for one in (right, rubbed(leg, "knee"), rubbed(leg, "ankle")):
+        book.add(one)
+    values = right.values.copy()
+    values[-2:] *= -1.0  # pushed the other way, so that it falls far short
+    (poor,) = evaluate(leg.fit.objective, [(right.structure, values)])
+    assert len(by_rare(book)) == 3
+    book.fit_what_is_in_the_running(lambda member, done: poor, most=1)
+    assert book.best.fit is poor
+    assert max(book.table.worth) == book.table.worth_of(book.best)
+    assert by_rare(book).keys() == {rare_effects(poor.structure)}
