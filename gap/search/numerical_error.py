@@ -155,8 +155,11 @@ def bounded_least_squares(matrix: FloatArray, target: FloatArray, bounds: FloatA
     # A trial that diverged has no weights; it stays at zero.
     matrix, target = np.nan_to_num(matrix), np.nan_to_num(target)
     for _ in range(_SWEEPS):
+        before = x.copy()
         for i, (low, high) in enumerate(bounds):
             diagonal = matrix[:, i, i]
             rest = target[:, i] - np.einsum("tj,tj->t", matrix[:, i], x) + diagonal * x[:, i]
             x[:, i] = np.clip(rest / np.where(diagonal > 0, diagonal, 1.0), low, high)
+        if (x == before).all():
+            break
     return x

@@ -28,6 +28,8 @@ from walkerkit.gap.search.structure import Fit, Slot, Unit
 
 FloatArray = NDArray[np.float64]
 
+_SINGULAR = 1e-12  # of a number's variance, below which what is left of it is none
+
 
 def members(
     objective: Objective,
@@ -85,10 +87,11 @@ class _Reduction:
         self._scoring = Scoring(objective, one, self._foretold, noise)
         self._memory = memory_of(objective, slopes.residual)
         normal, _ = posterior_equations(objective, one, slopes)
-        self._covariance = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
+        away = (one.values - one.structure.zero) / one.structure.scale
+        covariance = np.linalg.pinv(normal, rcond=_SINGULAR, hermitian=True)
+        self._given = _Values(away, np.asarray(covariance, dtype=np.float64))
         self._joints = [channel.joint for channel in objective.channels]
         self._alike = TEMPERATURE / objective.samples
-        self._away = (one.values - one.structure.zero) / one.structure.scale
         self.units = {
             (term.effect.name, place): one.structure.columns(term, place)
             for term in one.structure.terms
@@ -107,31 +110,38 @@ class _Reduction:
 
     def _score(self, dropped: Sequence[Unit]) -> float:
         """The score without some units, with the numerical error within its bounds."""
-        return self._foretold.score(self._moved(dropped))
+        return self._foretold.score(self._without(dropped).away - self._given.away)
 
     @property
     def whole(self) -> Member:
         """The structure of the fit."""
-        return self._member([])
+        return self._member([], self._given)
 
     def best(self, first: Sequence[Unit]) -> Member:
         """The most probable structure that lacks some units."""
-        dropped = list(first)
-        best = most = self._member(dropped)
+        dropped, values = list(first), self._without(first)
+        best = most = self._member(dropped, values)
         left = [unit for unit in self.units if unit not in dropped]
         while left := [unit for unit in left if self._may_go(unit, dropped)]:
-            cost = [max(self._cost([*dropped, unit]), self._alone[unit]) for unit in left]
+            cost = [max(values.cost_without(self.units[u]), self._alone[u]) for u in left]
             # Of those that may as well go, the least usual goes first.
             may_go = [u for u, c in zip(left, cost, strict=True) if c <= min(cost) + self._alike]
             cheapest = max(may_go, key=self._rank)
             left.remove(cheapest)
             dropped.append(cheapest)
-            member = self._member(dropped)
+            values.leave_out(self.units[cheapest])
+            member = self._member(dropped, values)
             if self._worth(member) >= self._worth(most):
                 best = most = member
             elif not is_worth_a_name(member, most, self._joints):
                 best = member
         return best
+
+    def _without(self, units: Iterable[Unit]) -> _Values:
+        values = self._given.copy()
+        for unit in units:
+            values.leave_out(self.units[unit])
+        return values
 
     def _may_go(self, unit: Unit, dropped: Sequence[Unit]) -> bool:
         """Whether it is ordinary, or its effect is at other places, too, or anything may go."""
@@ -146,41 +156,64 @@ class _Reduction:
             float(member.scores.elpd_nearby(member.scores).sum()) / TEMPERATURE + member.log_prior
         )
 
-    def _columns(self, units: Iterable[Unit]) -> NDArray[np.intp]:
-        return np.array([k for unit in units for k in self.units[unit]], dtype=np.intp)
-
-    def _cost(self, dropped: Sequence[Unit]) -> float:
-        """By how much the score rises, by the slopes, without some units."""
-        k = self._columns(dropped)
-        own = self._covariance[np.ix_(k, k)]
-        return 0.5 * float(self._away[k] @ np.linalg.lstsq(own, self._away[k], rcond=1e-12)[0])
-
     def _rank(self, unit: Unit) -> int:
         return tuple(CATALOGUE).index(unit[0])  # the most usual first
 
-    def _moved(self, dropped: Sequence[Unit]) -> FloatArray:
-        """(n_parameters,) by how much values move, in scales, where some are at their zero."""
-        k = self._columns(dropped)
-        if not len(k):
-            return np.zeros(len(self._away))
-        own = self._covariance[np.ix_(k, k)]
-        follow = np.linalg.lstsq(own, self._away[k], rcond=1e-12)[0]
-        moved: FloatArray = -self._covariance[:, k] @ follow
-        moved[k] = -self._away[k]
-        return moved
-
-    def _member(self, dropped: Sequence[Unit]) -> Member:
-        gone = self._columns(dropped)
-        kept = np.setdiff1d(np.arange(len(self._away)), gone)
-        moved = self._moved(dropped)
-        far = self._foretold.far(moved)
+    def _member(self, dropped: Iterable[Unit], values: _Values) -> Member:
+        gone = [k for unit in dropped for k in self.units[unit]]
+        kept = np.setdiff1d(np.arange(len(values.away)), gone)
+        moved = values.away - self._given.away
         return Member(
             effects=_effects([self._fit.structure.slots[k] for k in kept]),
-            scores=self._scoring.scores(far, kept, self._memory),
+            scores=self._scoring.scores(self._foretold.far(moved), kept, self._memory),
             fit=self._fit,
             kept=kept,
             values=self._fit.values + moved * self._fit.structure.scale,
         )
+
+
+class _Values:
+    """A fit's values, of which some are left out while the others follow, by linear algebra.
+
+    Args:
+        away: (n_parameters,) how far each is from its zero, in scales.
+        covariance: (n_parameters, n_parameters) of them.
+
+    Attributes:
+        away: the same, without those that are left out.
+        cost: by how much the score has risen.
+    """
+
+    def __init__(self, away: FloatArray, covariance: FloatArray):
+        self.away, self.cost = away, 0.0
+        self._covariance = covariance
+        self._least = np.maximum(_SINGULAR * np.diag(covariance), np.finfo(float).tiny)
+
+    def copy(self) -> _Values:
+        return _Values(self.away.copy(), self._covariance.copy())
+
+    def cost_without(self, k: NDArray[np.intp]) -> float:
+        """By how much the score has risen once some more are left out."""
+        return self.cost + 0.5 * float(self.away[k] @ self._inverse(k) @ self.away[k])
+
+    def leave_out(self, k: NDArray[np.intp]) -> None:
+        """Takes some values to their zero."""
+        self.cost = self.cost_without(k)
+        across = self._covariance[:, k] @ self._inverse(k)
+        self.away -= across @ self.away[k]
+        self._covariance -= across @ self._covariance[k]
+        self.away[k] = self._covariance[k] = self._covariance[:, k] = 0.0
+
+    def _inverse(self, k: NDArray[np.intp]) -> FloatArray:
+        """Of the covariance of some values, but for what those that are left out tell of them."""
+        own, least = self._covariance[np.ix_(k, k)], self._least[k]
+        if len(k) == 1:
+            return np.where(own > least, 1 / np.maximum(own, least), 0.0)
+        scale = np.outer(np.sqrt(least), np.sqrt(least)) / _SINGULAR
+        size, along = np.linalg.eigh(own / scale)
+        size = np.where(size > _SINGULAR, 1 / np.maximum(size, _SINGULAR), 0.0)
+        found: FloatArray = (along * size) @ along.T / scale
+        return found
 
 
 def _effects(slots: Sequence[Slot]) -> dict[str, tuple[str, ...]]:

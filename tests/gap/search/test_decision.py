@@ -24,6 +24,7 @@ NUMERICS = {
     "_OUT_OF_REACH",
     "_RIDGES",
     "_SEED",
+    "_SINGULAR",
     "_SLOW",
     "_SWEEPS",
 }
