@@ -19,6 +19,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -230,19 +231,25 @@ class View:
         Returns:
             (n,) and (n,).
         """
-        weights = self._objective.weights(self._objective.mean_square(self._residual))
-        root = np.sqrt(weights).astype(np.float32)
+        root, r, basis = self._weighted
         a = (changes * root).reshape(len(changes), -1)
-        r = (self._residual.astype(np.float32) * root).ravel()
-        free = self._nuisance[: len(self._nuisance) - len(self._bounded)]
-        if len(free):
-            n = (free.astype(np.float32) * root).reshape(len(free), -1)
-            basis, _ = np.linalg.qr(n.T)
-            r = r - basis @ (basis.T @ r)
-            a = a - (a @ basis) @ basis.T
+        a = a - (a @ basis) @ basis.T
         along = -(a @ r).astype(np.float64)
         size = np.einsum("ij,ij->i", a, a).astype(np.float64)
         return np.sign(along) * along**2 / np.maximum(size, 1e-300), 2 * along - size
+
+    @cached_property
+    def _weighted(self) -> tuple[Single, Single, Single]:
+        """Roots of the channels' weights; by these the residual, without what goes freely with it.
+
+        And (rows × n_scored, n) an orthonormal basis of that.
+        """
+        weights = self._objective.weights(self._objective.mean_square(self._residual))
+        root = np.sqrt(weights).astype(np.float32)
+        r = (self._residual.astype(np.float32) * root).ravel()
+        free = self._nuisance[: len(self._nuisance) - len(self._bounded)]
+        basis, _ = np.linalg.qr((free.astype(np.float32) * root).reshape(len(free), r.size).T)
+        return root, r - basis @ (basis.T @ r), basis
 
     def _append(self, changes: FloatArray | Single) -> None:
         """Adds columns, (k, rows, n_scored), and their products with those that are there."""
