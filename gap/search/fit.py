@@ -33,6 +33,7 @@ _DAMPING = np.array([1e-4, 1e-2, 0.3, 10.0])
 CONVERGED = 3e-4  # of the score
 _KEEPS = 0.5  # of its promise that a whole step has to keep
 _KEPT = 2**28  # bytes of slopes that are carried along
+_STEPS = 8  # of a fit, the most unless it is said
 _PACES = 4  # a step gains less than the one before, so a lag of more than these is not made up
 
 
@@ -57,7 +58,8 @@ def fit(
     objective: Objective,
     starts: Sequence[Fit],
     *,
-    iterations: int = 8,
+    iterations: int = _STEPS,
+    leader: float = np.inf,
     near: Slopes | None = None,
     progress: Progress | None = None,
     stage: str = "fitting",
@@ -68,6 +70,8 @@ def fit(
         objective: what to fit.
         starts: structures with values and their score.
         iterations: the most steps any of them may take.
+        leader: a score; a fit that is behind it may take more steps, as long as it can catch up at
+            its pace.
         near: slopes of a fit that has numbers in common with all starts, to begin with.
         progress: called before each step.
         stage: what it is told.
@@ -77,7 +81,7 @@ def fit(
     """
     return fits_finished(
         [(start.structure, start.values) for start in starts],
-        lambda: _fit(objective, starts, iterations, near, progress, stage),
+        lambda: _fit(objective, starts, iterations, leader, near, progress, stage),
     )
 
 
@@ -85,6 +89,7 @@ def _fit(
     objective: Objective,
     starts: Sequence[Fit],
     iterations: int,
+    leader: float,
     near: Slopes | None,
     progress: Progress | None,
     stage: str,
@@ -100,7 +105,7 @@ def _fit(
         )
     while active:
         if progress:
-            progress(stage, min(taken[i] for i in active) / iterations)
+            progress(stage, min(1.0, min(taken[i] for i in active) / iterations))
         cases = _next_steps(objective, best, active, slopes)
         # They may be right along the last step and nowhere else.
         trusted = {i for i in active if i not in slopes or slopes[i].fresh}
@@ -117,7 +122,8 @@ def _fit(
         for i in before:
             if gains[i] > CONVERGED:
                 taken[i] += 1
-                if taken[i] < iterations:
+                behind = best[i].score - leader
+                if taken[i] < iterations or (0 < behind <= _PACES * gains[i] and taken[i] < _STEPS):
                     active.append(i)
             elif i not in trusted:
                 del slopes[i]  # which cannot say that there is no more

@@ -113,16 +113,19 @@ def _started(
     if not chosen:
         return [], current
     *begun, there = evaluate(screen, [*chosen, (current.structure, current.values)])
-    # On feet each number takes simulations of its own: its slopes are carried along.
-    warmed = polished if problem.on_feet else fit
-    starts = warmed(
-        screen,
-        begun,
-        iterations=_WARM,
-        near=slopes_to_carry(screen, current),
-        progress=progress,
-        stage=stage,
-    )
+    near = slopes_to_carry(screen, current)
+    if problem.on_feet:  # each number takes simulations of its own: its slopes are carried along
+        starts = polished(screen, begun, near, iterations=_WARM, progress=progress, stage=stage)
+    else:
+        starts = fit(
+            screen,
+            begun,
+            iterations=_WARM,
+            leader=there.score,
+            near=near,
+            progress=progress,
+            stage=stage,
+        )
     return starts, there
 
 

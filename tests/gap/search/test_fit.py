@@ -636,6 +636,21 @@ class TestFit:
         probable = one.score(squares) + one.penalty(both, case.values)
         assert found.score <= probable.min() + 1e-4
 
+    def test_what_is_behind_a_leader_goes_on_while_it_can_catch_up(self, problem):
+        robot, _, one = problem
+        tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
+        (start,) = evaluate(one, [(tried, np.array([3.0, 0.3]))])
+
+        def score(steps, leader=np.inf):
+            return fit(one, [start], iterations=steps, leader=leader)[0].score
+
+        once, twice = score(1), score(2)
+        gain = start.score - once
+        assert score(1, once + 0.1) == once  # it is ahead
+        assert score(1, once - 2 * gain) == twice < once - 2 * gain
+        assert score(1, once - 5 * gain) == once  # a step gains less than the one before
+        assert score(1, once - 3.5 * gain) == score(3) < once - 3.5 * gain < twice
+
     @pytest.mark.parametrize("start", [0.2, 0.275, 0.279, 0.2795, 0.285])
     def test_a_numerical_error_that_looks_like_the_effect_does_not_hold_it_up(
         self, start, monkeypatch
