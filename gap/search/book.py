@@ -125,7 +125,7 @@ class Book:
         begun: set[Rare] = set()
         short = _Shortfalls()
         more: dict[Hashable, float] = {}  # than slopes promised is what some are worth
-        others, tried = 0, short.rare
+        others, tried = 0, short.rare  # which grows with what fell short
         for _ in range(most):
             table = self.table
             worth = table.worth - [
@@ -134,13 +134,8 @@ class Book:
             best = table.best_by(worth)
             # Of the others slopes may promise too little as well.
             promised = worth - [more.get(member.key, 0.0) for member in table.members]
-            least = promised.max() + np.log(1 - CONFUSION)
             # One of each that has other rare effects, and always the best.
-            running = [
-                table.members[k]
-                for k in np.argsort(-worth, kind="stable")
-                if worth[k] >= least and table.members[k].rare not in begun
-            ]
+            running = self._in_reach(worth, promised.max(), begun)
             running = [m for m in (best, *running) if m.key not in by_itself]
             others += best.key in by_itself
             if not running or others == _MOST_IN_THE_RUNNING:
@@ -166,6 +161,18 @@ class Book:
             tried = {member.rare for member in self._members}
         self._among = by_itself
         self._forget_what_did_not_come(tried)
+
+    def _in_reach(self, worth: FloatArray, most: float, begun: Collection[Rare]) -> list[Member]:
+        """Members that are in the running, best first, but those whose rare effects were begun.
+
+        Args:
+            worth: (n_members,) logs of their weights.
+            most: that beside which they are in the running.
+            begun: rare effects.
+        """
+        least, members = most + np.log(1 - CONFUSION), self.table.members
+        order = np.argsort(-worth, kind="stable")
+        return [members[k] for k in order if worth[k] >= least and members[k].rare not in begun]
 
     def _forget_what_did_not_come(self, tried: Collection[Rare]) -> None:
         """Forgets what slopes promise beyond the best of what was fitted by itself.
