@@ -36,6 +36,7 @@ _FITTED, _REFITS = 4, 4  # of those that promise most of all, and steps of a fit
 _OF_THE_LEAST = 0.7  # of the smallest gain worth a name, which more recordings may make up
 _MORE_THAN_ONE = 0.2  # by which two together promise more than any one, summed over the channels
 _HOPE = 0.5  # of the smallest gain worth a name, which a promise may fall short of
+_UNMOVED = 1e-6  # scales that a number that does nothing may have moved
 _STANDS_IN = 0.5  # of what an effect brings, that what could be in its place has to promise
 
 
@@ -80,7 +81,7 @@ def proposals(
     objective = problem.fit.objective
     best = _promising(problem, current, near, starts, there, always, instead_of)
     best = [
-        _where_it_stays_within_bounds(objective, one, near)
+        _where_it_stays_within_bounds(objective, with_all_of_it(objective, one, near), near)
         for one in polished(objective, best, near, iterations=_REFITS, certain=False)
     ]
     first: dict[object, Fit] = {}
@@ -194,6 +195,29 @@ def each_once(fits: Sequence[Fit], promised: Sequence[float]) -> list[int]:
         if not any(a and b for a, b in zip(same, near, strict=True)):
             kept.append(k)
     return kept
+
+
+def with_all_of_it(objective: Objective, one: Fit, near: Slopes | None) -> Fit:
+    """A fit with numbers of its newest effect where they act, if they began where they do nothing.
+
+    No slope leads away from there: a joint that runs into its lower stop says nothing of one above
+    until that is tried.
+    """
+    structure = one.structure
+    own = structure.columns(structure.terms[-1])
+    while True:
+        moved = np.abs(one.values - structure.zero) / structure.scale
+        idle = [k for k in own if moved[k] <= _UNMOVED]
+        starts = [
+            (structure, np.where(np.arange(len(one.values)) == k, value, one.values))
+            for k in idle
+            for value in {*structure.slots[k].parameter.starts} - {structure.zero[k]}
+        ]
+        begun = evaluate(objective, starts) if starts else []
+        better = min(begun, key=lambda each: each.score, default=one)
+        if better.score >= one.score - CONVERGED:
+            return one
+        (one,) = polished(objective, [better], near, iterations=_REFITS, certain=False)
 
 
 def _where_it_stays_within_bounds(objective: Objective, one: Fit, near: Slopes | None) -> Fit:

@@ -100,3 +100,22 @@ def test_a_few_wild_blocks_do_not_outvote_the_rest(made):
 def test_without_wild_blocks_all_count(made):
     problem, nothing = made("torque_bias")
     assert without_the_wild(problem, nothing) is None
+
+
+def test_a_stop_is_found_where_the_fit_began_with_another(made):
+    problem, nothing = made("end_stop")  # a lower one
+    (term,) = problem.terms([CATALOGUE["end_stop"]])
+    structure = nothing.structure.with_term(term)
+    lower, upper, stiffness = (structure.slots[k].parameter for k in range(3))
+    problem.fit.refine(nothing)
+
+    def found(begun: dict[int, float]) -> Fit:
+        values = structure.zero.copy()
+        values[[*begun]] = [*begun.values()]
+        (one,) = evaluate(problem.fit.objective, [(structure, values)])
+        return propose.with_all_of_it(problem.fit.objective, one, None)
+
+    above = found({1: upper.starts[0], 2: stiffness.starts[0]})
+    assert above.values[0] > lower.zero + lower.scale
+    below = found({0: lower.starts[0], 2: stiffness.starts[0]})
+    assert below.values[1] == upper.zero  # there is none
