@@ -15,7 +15,7 @@ from walkerkit.gap.search.book import known_errors, stopped_at_a_bound
 from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.compare import Member, Rare, leaves_smaller_gaps, rare_effects
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
-from walkerkit.gap.search.fit import evaluate
+from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
@@ -158,7 +158,11 @@ def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
         least, _ = min(unknown, key=lambda one: one[1])
         fewer = found.structure.without_term(least)
         values = carried(found.values, found.structure, fewer)
-        found = _settled(problem, found, fewer, values, slopes)
+        if rare:
+            start = replace(found, structure=fewer, values=values)
+            (found,) = polished(problem.fit.objective, [start], slopes, iterations=_REFITS)
+        else:
+            found = _settled(problem, found, fewer, values, slopes)
     return found
 
 
