@@ -306,7 +306,7 @@ def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:
     if stopped_at_a_bound(one):
         return False
     columns = [one.structure.columns(term) for term in rare]
-    errors = known_errors(problem, one, slopes, member.kept) if rare else np.zeros(0)
+    errors = KnownErrors(problem, one, slopes).of(member.kept) if rare else np.zeros(0)
     return all(errors[own].max() >= KNOWN for own in columns)
 
 
@@ -316,10 +316,8 @@ def stopped_at_a_bound(one: Fit) -> list[Term]:
     return [t for t in one.structure.rare if stopped[one.structure.columns(t)].any()]
 
 
-def known_errors(
-    problem: Problem, one: Fit, slopes: Slopes, kept: NDArray[np.intp] | None = None
-) -> FloatArray:
-    """(n_parameters,) standard errors between each value and that which changes nothing.
+class KnownErrors:
+    """Standard errors between each value of a fit and that which changes nothing.
 
     In the light of all that the model still lacks; 0 for numbers that change nothing by themselves.
 
@@ -327,19 +325,24 @@ def known_errors(
         problem: what is to be explained.
         one: a fit.
         slopes: those at it.
-        kept: indices of the values that are not fixed; all by default.
     """
-    problem.screen.refine(one)
-    variance, _ = covariance(
-        problem.fit.objective, one, problem.noise, slopes, problem.screen.objective
-    )
-    if kept is not None:
-        fixed = np.setdiff1d(np.arange(len(variance)), kept)
-        across = variance[:, fixed]
-        within = np.linalg.pinv(variance[np.ix_(fixed, fixed)], rcond=1e-12, hermitian=True)
-        variance = variance - across @ within @ across.T
-    std = np.sqrt(np.maximum(np.diag(variance), 0.0))
-    shapes = np.array([slot.parameter.shape for slot in one.structure.slots], dtype=bool)
-    away = np.where(shapes, 0.0, np.abs(one.values - one.structure.zero))
-    errors: FloatArray = away / np.where(std > 0, std, np.inf)
-    return errors
+
+    def __init__(self, problem: Problem, one: Fit, slopes: Slopes):
+        problem.screen.refine(one)
+        self._variance, _ = covariance(
+            problem.fit.objective, one, problem.noise, slopes, problem.screen.objective
+        )
+        shapes = np.array([slot.parameter.shape for slot in one.structure.slots], dtype=bool)
+        self._away = np.where(shapes, 0.0, np.abs(one.values - one.structure.zero))
+
+    def of(self, kept: Collection[int] | None = None) -> FloatArray:
+        """(n_parameters,) them, where the values whose indices are not kept are fixed."""
+        variance = self._variance
+        if kept is not None:
+            fixed = np.setdiff1d(np.arange(len(variance)), [*kept])
+            across = variance[:, fixed]
+            within = np.linalg.pinv(variance[np.ix_(fixed, fixed)], rcond=1e-12, hermitian=True)
+            variance = variance - across @ within @ across.T
+        std = np.sqrt(np.maximum(np.diag(variance), 0.0))
+        errors: FloatArray = self._away / np.where(std > 0, std, np.inf)
+        return errors

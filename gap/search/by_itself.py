@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.book import known_errors, stopped_at_a_bound
+from walkerkit.gap.search.book import KnownErrors, stopped_at_a_bound
 from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.compare import Member, Rare, leaves_smaller_gaps, rare_effects
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
@@ -21,7 +21,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import members
 from walkerkit.gap.search.settle import robustly, settled
 from walkerkit.gap.search.slopes import Slopes, linearised
-from walkerkit.gap.search.structure import Fit, Structure, Unit, carried, merged
+from walkerkit.gap.search.structure import Fit, Structure, Term, Unit, carried, merged
 
 FloatArray = NDArray[np.float64]
 
@@ -142,28 +142,46 @@ def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
         found: the fit.
         rare: only rare effects are left out, those first of which a number ran into its bound.
     """
-    while terms := found.structure.rare if rare else found.structure.terms:
-        slopes = linearised(problem.fit.objective, found)
-        errors = known_errors(problem, found, slopes)
-        stopped = stopped_at_a_bound(found) if rare else []
-        columns = [(term, found.structure.columns(term)) for term in terms]
-        known = [
-            (term, -1.0 if term in stopped else errors[own].max())
-            for term, own in columns
-            if len(own)
-        ]
-        unknown = [(term, error) for term, error in known if error < KNOWN]
-        if not unknown:
+    objective = problem.fit.objective
+    while found.structure.terms:
+        slopes = linearised(objective, found)
+        gone = _of_which_nothing_is_known(problem, found, slopes, rare=rare)
+        if not gone:
             break
-        least, _ = min(unknown, key=lambda one: one[1])
-        fewer = found.structure.without_term(least)
+        kept = tuple(term for term in found.structure.terms if term not in gone)
+        fewer = replace(found.structure, terms=kept)
         values = carried(found.values, found.structure, fewer)
         if rare:
             start = replace(found, structure=fewer, values=values)
-            (found,) = polished(problem.fit.objective, [start], slopes, iterations=_REFITS)
+            (found,) = polished(objective, [start], slopes, iterations=_REFITS)
         else:
             found = _settled(problem, found, fewer, values, slopes)
     return found
+
+
+def _of_which_nothing_is_known(
+    problem: Problem, one: Fit, slopes: Slopes, *, rare: bool
+) -> list[Term]:
+    """Effects of which no number is known beside the others that stay.
+
+    Of rare ones first those of which a number ran into its bound: of others it tells nothing.
+    """
+    left = list(one.structure.rare if rare else one.structure.terms)
+    columns = [one.structure.columns(term) for term in left]
+    left = [term for term, own in zip(left, columns, strict=True) if len(own)]
+    if rare and (stopped := [term for term in stopped_at_a_bound(one) if term in left]):
+        return stopped
+    errors, gone = KnownErrors(problem, one, slopes), list[Term]()
+    kept = {*range(len(one.values))}
+    while left:
+        each = errors.of(kept)
+        known = [float(each[one.structure.columns(term)].max()) for term in left]
+        least = int(np.argmin(known))
+        if known[least] >= KNOWN:
+            break
+        kept -= {*one.structure.columns(left[least])}
+        gone.append(left.pop(least))
+    return gone
 
 
 def _not_known(problem: Problem, one: Fit, slopes: Slopes) -> tuple[list[Unit], Structure | None]:
@@ -173,7 +191,7 @@ def _not_known(problem: Problem, one: Fit, slopes: Slopes) -> tuple[list[Unit], 
         Of the ordinary effects of each place the least known, if it is not known at all; and the
         structure without a rare one where that is known least, if it is not known there.
     """
-    structure, errors = one.structure, known_errors(problem, one, slopes)
+    structure, errors = one.structure, KnownErrors(problem, one, slopes).of()
     stopped = ran_away(one)
     least: dict[str, tuple[float, str]] = {}
     for term in structure.terms:
