@@ -23,7 +23,7 @@ from walkerkit.gap.rehearsal.hardware_drive import Drives
 from walkerkit.gap.rehearsal.hardware_friction import Friction
 from walkerkit.gap.rehearsal.hardware_ground import Soil
 from walkerkit.gap.rehearsal.hardware_motor import Motor
-from walkerkit.gap.rehearsal.hardware_mount import Stand
+from walkerkit.gap.rehearsal.hardware_mount import HINGES, Stand
 from walkerkit.gap.rehearsal.hardware_transmission import Stops, Transmission
 from walkerkit.gap.rehearsal.hardware_troubles import Troubles
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
@@ -213,13 +213,13 @@ class _Robot:
 
 
 def passive(model: mujoco.MjModel, drives: Drives) -> list[int]:
-    """Joints that swing by themselves, and have encoders; those of closed loops have none."""
+    """Joints that swing by themselves, and have encoders; those of loops and of a stand have none."""
     return [
         joint
         for joint in range(model.njnt)
         if model.jnt_type[joint] in SCALAR_JOINTS
         and model.joint(joint).name
-        and model.joint(joint).name not in drives.joints
+        and model.joint(joint).name not in (*drives.joints, *HINGES)
         and not model.neq
     ]
 

@@ -75,6 +75,15 @@ def test_a_robot_on_it_moves_its_encoder_as_it_shakes():
     assert np.abs(soft - plain).max() > 5 * np.abs(hard - plain).max() > 0
 
 
+def test_no_encoder_sees_what_gives_way():
+    targets = [np.full((50, 1), 0.3)]
+    plain, soft = (
+        run_hardware(spec(), targets, rate=250.0, seed=0, hidden=hidden)[0]
+        for hidden in ((), (SOFT,))
+    )
+    assert soft.columns.keys() == plain.columns.keys()
+
+
 def test_only_a_robot_of_one_body_on_the_world_has_one():
     floating = spec(
         ARM.format(base='<body name="trunk"><freejoint/><geom size=".1"/>', end="</body>")
