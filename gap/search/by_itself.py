@@ -34,7 +34,7 @@ def only_needed(problem: Problem, member: Member, done: Collection[Rare] = ()) -
 
     What it needs is read off slopes. Fitted, it may turn out to need even less, unless that leaves
     larger gaps: slopes do not know where the numerical error ends. And what of it is not known to
-    be there, in the light of all that the model still lacks, is left out.
+    be there, in the light of all that the model still lacks, is left out, unless it is missed.
 
     Args:
         problem: what is explained.
@@ -42,7 +42,7 @@ def only_needed(problem: Problem, member: Member, done: Collection[Rare] = ()) -
         done: rare effects that others have by themselves; a fit that comes down to these is left
             as it is.
     """
-    objective = problem.fit.objective
+    objective, missed = problem.fit.objective, set[Unit]()
     found = by_itself(problem, member)
     slopes = linearised(objective, found)
     while found.structure.terms:
@@ -56,6 +56,7 @@ def only_needed(problem: Problem, member: Member, done: Collection[Rare] = ()) -
             found = _settled(problem, found, fewer, values, slopes)
             slopes = linearised(objective, found)
             continue
+        unknown = [unit for unit in unknown if unit not in missed]
         smaller, *_ = members(objective, found, slopes, problem.noise, without=unknown)
         if len(smaller.kept) == len(found.values):
             break
@@ -63,7 +64,12 @@ def only_needed(problem: Problem, member: Member, done: Collection[Rare] = ()) -
         if not unknown and fewer_needed.score > found.score + LEAST_GAIN:
             problem.fit.refine(found)
             break
-        found, slopes = fewer_needed, linearised(objective, fewer_needed)
+        its = linearised(objective, fewer_needed)
+        if unknown and leaves_less(problem, its.residual, slopes.residual):
+            missed.update(unknown)
+            problem.fit.refine(found)
+            continue
+        found, slopes = fewer_needed, its
     found, slopes = _without_the_idle(problem, found, slopes)
     return all_estimated(problem, robustly(problem.fit, found, slopes, problem.noise))
 
@@ -133,7 +139,7 @@ def _out(one: Fit, unit: Unit) -> FloatArray:
 
 
 def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
-    """A fit without effects of which no number is known.
+    """A fit without effects of which no number is known, and which are not missed.
 
     What was known where wild blocks counted as the rest may be less so where they do not.
 
@@ -154,8 +160,12 @@ def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
         if rare:
             start = replace(found, structure=fewer, values=values)
             (found,) = polished(objective, [start], slopes, iterations=_REFITS)
-        else:
-            found = _settled(problem, found, fewer, values, slopes)
+            continue
+        without = _settled(problem, found, fewer, values, slopes)
+        if leaves_less(problem, linearised(objective, without).residual, slopes.residual):
+            problem.fit.refine(found)
+            break
+        found = without
     return found
 
 
