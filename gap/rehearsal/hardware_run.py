@@ -213,7 +213,7 @@ class _Robot:
 
 
 def passive(model: mujoco.MjModel, drives: Drives) -> list[int]:
-    """Joints that swing by themselves, and have encoders; those of loops and of a stand have none."""
+    """Joints that swing by themselves and have encoders; those of loops and stands have none."""
     return [
         joint
         for joint in range(model.njnt)
