@@ -316,6 +316,12 @@ def stopped_at_a_bound(one: Fit) -> list[Term]:
     return [t for t in one.structure.rare if stopped[one.structure.columns(t)].any()]
 
 
+def stopped_since(before: Fit, after: Fit) -> list[Term]:
+    """The rare effects of a fit that ran into a bound since another, of the same ones or more."""
+    known = {term.effect.name for term in stopped_at_a_bound(before)}
+    return [term for term in stopped_at_a_bound(after) if term.effect.name not in known]
+
+
 class KnownErrors:
     """Standard errors between each value of a fit and that which changes nothing.
 

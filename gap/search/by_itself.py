@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from walkerkit.gap.search.book import KnownErrors, stopped_at_a_bound
+from walkerkit.gap.search.book import KnownErrors, stopped_at_a_bound, stopped_since
 from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.compare import Member, Rare, leaves_smaller_gaps, rare_effects
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
@@ -34,7 +34,8 @@ def only_needed(problem: Problem, member: Member, done: Collection[Rare] = ()) -
 
     What it needs is read off slopes. Fitted, it may turn out to need even less, unless that leaves
     larger gaps: slopes do not know where the numerical error ends. And what of it is not known to
-    be there, in the light of all that the model still lacks, is left out, unless it is missed.
+    be there, in the light of all that the model still lacks, is left out, unless a rare effect
+    runs into its bound without it.
 
     Args:
         problem: what is explained.
@@ -64,12 +65,11 @@ def only_needed(problem: Problem, member: Member, done: Collection[Rare] = ()) -
         if not unknown and fewer_needed.score > found.score + LEAST_GAIN:
             problem.fit.refine(found)
             break
-        its = linearised(objective, fewer_needed)
-        if unknown and leaves_less(problem, its.residual, slopes.residual):
+        if unknown and stopped_since(found, fewer_needed):
             missed.update(unknown)
             problem.fit.refine(found)
             continue
-        found, slopes = fewer_needed, its
+        found, slopes = fewer_needed, linearised(objective, fewer_needed)
     found, slopes = _without_the_idle(problem, found, slopes)
     return all_estimated(problem, robustly(problem.fit, found, slopes, problem.noise))
 
@@ -139,7 +139,7 @@ def _out(one: Fit, unit: Unit) -> FloatArray:
 
 
 def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
-    """A fit without effects of which no number is known, and which are not missed.
+    """A fit without effects of which no number is known, unless others run into bounds since.
 
     What was known where wild blocks counted as the rest may be less so where they do not.
 
@@ -162,7 +162,7 @@ def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
             (found,) = polished(objective, [start], slopes, iterations=_REFITS)
             continue
         without = _settled(problem, found, fewer, values, slopes)
-        if leaves_less(problem, linearised(objective, without).residual, slopes.residual):
+        if stopped_since(found, without):
             problem.fit.refine(found)
             break
         found = without

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 from tests.gap.search.test_naming import LEG, fitted, hide, problem_of
-from walkerkit.gap.search.book import Book
+from walkerkit.gap.search.book import Book, stopped_since
 from walkerkit.gap.search.compare import Member, Rare, rare_effects
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.problem import Problem
@@ -126,3 +126,15 @@ def test_what_slopes_promise_is_not_told_if_it_never_came(leg: Problem) -> None:
     assert book.best.fit is poor
     assert max(book.table.worth) == book.table.worth_of(book.best)
     assert by_rare(book).keys() == {rare_effects(poor.structure)}
+
+
+def test_what_ran_into_a_bound_since_others_were_left_out(leg: Problem) -> None:
+    free = rubbed(leg, "knee", "ankle")
+    structure = free.structure
+    (bias,) = (term for term in structure.terms if term.effect.name == "torque_bias")
+    ankle = structure.columns(bias, "ankle")
+    stopped = replace(free, values=free.values.copy())
+    stopped.values[ankle] = structure.bounds[1][ankle]
+    assert stopped_since(free, stopped) == [bias]
+    assert stopped_since(stopped, stopped) == []
+    assert stopped_since(free, free) == []
