@@ -254,7 +254,7 @@ class _Search:
         more = [t for t in begun.plain.structure.terms if t.effect.name not in has]
         problem.fit.refine(found)
         (both,) = _refitted(problem, found, [extended(found, more).structure])
-        book.add(both)
+        self._enter(both)
         self.compare()
 
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
@@ -357,15 +357,20 @@ class _Search:
         for one in evaluate(problem.fit.objective, starts):
             self._enter(one, current)
 
-    def _enter(self, one: Fit, beside: Fit) -> None:
-        """Enters a fit into the book, if need be without rare effects of the fit beside it.
+    def _enter(self, one: Fit, beside: Fit | None = None) -> None:
+        """Enters a fit into the book, if need be without rare effects that it does not need.
 
-        What stood in for a rare effect is no estimate any more beside that.
+        What stood in for another effect is no estimate any more beside that.
+
+        Args:
+            one: the fit.
+            beside: a fit without its last effect, or another in its place, that it has to beat;
+                without rare effects there is nothing in it that could have stood in.
         """
         problem, book = self._problem, self._book
         one = book.add(one, beside=beside)
         promises = one.score < book.best.fit.score - LEAST_GAIN
-        if book.has(one) or not beside.structure.rare or not promises:
+        if book.has(one) or (beside and not beside.structure.rare) or not promises:
             return
         known = all_estimated(problem, one, rare=True)
         if known.structure.rare and known.structure.key != one.structure.key:
