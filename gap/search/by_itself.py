@@ -5,7 +5,7 @@ fit = only_needed(problem, member)
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -138,30 +138,22 @@ def _out(one: Fit, unit: Unit) -> FloatArray:
     return np.where(own, (structure.zero - one.values) / structure.scale, 0.0)
 
 
-def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
-    """A fit without effects of which no number is known, unless others run into bounds since.
+def all_estimated(problem: Problem, found: Fit) -> Fit:
+    """A fit without effects of which no number is known, unless others run into bounds without.
 
     What was known where wild blocks counted as the rest may be less so where they do not.
 
     Args:
         problem: what is to be explained.
         found: the fit.
-        rare: only rare effects are left out, those first of which a number ran into its bound.
     """
-    objective = problem.fit.objective
-    while found.structure.terms:
-        slopes = linearised(objective, found)
-        gone = _of_which_nothing_is_known(problem, found, slopes, rare=rare)
+    while terms := found.structure.terms:
+        slopes = linearised(problem.fit.objective, found)
+        gone = _of_which_nothing_is_known(problem, found, slopes, terms)
         if not gone:
             break
-        kept = tuple(term for term in found.structure.terms if term not in gone)
-        fewer = replace(found.structure, terms=kept)
-        values = carried(found.values, found.structure, fewer)
-        if rare:
-            start = replace(found, structure=fewer, values=values)
-            (found,) = polished(objective, [start], slopes, iterations=_REFITS)
-            continue
-        without = _settled(problem, found, fewer, values, slopes)
+        start = _left_out(found, gone)
+        without = _settled(problem, found, start.structure, start.values, slopes)
         if stopped_since(found, without):
             problem.fit.refine(found)
             break
@@ -169,18 +161,39 @@ def all_estimated(problem: Problem, found: Fit, *, rare: bool = False) -> Fit:
     return found
 
 
-def _of_which_nothing_is_known(
-    problem: Problem, one: Fit, slopes: Slopes, *, rare: bool
-) -> list[Term]:
-    """Effects of which no number is known beside the others that stay.
+def without_stand_ins(problem: Problem, found: Fit) -> Fit:
+    """A fit, roughly, without rare effects that are no estimate in it.
 
-    Of rare ones first those of which a number ran into its bound: of others it tells nothing.
+    Those of which a number ran into its bound go first: of others it tells nothing.
+
+    Args:
+        problem: what is to be explained.
+        found: the fit.
     """
-    left = list(one.structure.rare if rare else one.structure.terms)
-    columns = [one.structure.columns(term) for term in left]
-    left = [term for term, own in zip(left, columns, strict=True) if len(own)]
-    if rare and (stopped := [term for term in stopped_at_a_bound(one) if term in left]):
-        return stopped
+    objective = problem.fit.objective
+    while terms := found.structure.rare:
+        slopes = linearised(objective, found)
+        gone = stopped_at_a_bound(found)
+        gone = gone or _of_which_nothing_is_known(problem, found, slopes, terms)
+        if not gone:
+            break
+        start = _left_out(found, gone)
+        (found,) = polished(objective, [start], slopes, iterations=_REFITS)
+    return found
+
+
+def _left_out(one: Fit, gone: Collection[Term]) -> Fit:
+    """A fit as it is without some effects, with the score that it has with them."""
+    kept = tuple(term for term in one.structure.terms if term not in gone)
+    fewer = replace(one.structure, terms=kept)
+    return replace(one, structure=fewer, values=carried(one.values, one.structure, fewer))
+
+
+def _of_which_nothing_is_known(
+    problem: Problem, one: Fit, slopes: Slopes, terms: Sequence[Term]
+) -> list[Term]:
+    """Those of some effects of which no number is known beside the others that stay."""
+    left = [term for term in terms if len(one.structure.columns(term))]
     errors, gone = KnownErrors(problem, one, slopes), list[Term]()
     kept = {*range(len(one.values))}
     while left:

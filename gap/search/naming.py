@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
-from walkerkit.gap.search.by_itself import all_estimated, leaves_less, only_needed
+from walkerkit.gap.search.by_itself import leaves_less, only_needed, without_stand_ins
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
@@ -147,7 +147,7 @@ def begin(
         if found is not nothing:
             plain = book.add(found)
             if not book.has(plain):  # what else was found with it need not go with it
-                plain = book.add(all_estimated(problem, plain, rare=True))
+                plain = book.add(without_stand_ins(problem, plain))
     effort.ground_is_done(on_feet=problem.on_feet)
     return Begun(book=book, nothing=nothing, plain=plain, searched=True)
 
@@ -370,9 +370,9 @@ class _Search:
         problem, book = self._problem, self._book
         one = book.add(one, beside=beside)
         promises = one.score < book.best.fit.score - LEAST_GAIN
-        if book.has(one) or (beside and not beside.structure.rare) or not promises:
+        if book.has(one) or (beside is not None and not beside.structure.rare) or not promises:
             return
-        known = all_estimated(problem, one, rare=True)
+        known = without_stand_ins(problem, one)
         if known.structure.rare and known.structure.key != one.structure.key:
             book.add(known, beside=beside)
 

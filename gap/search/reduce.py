@@ -13,6 +13,7 @@ without it is another fit.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import deepcopy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +139,7 @@ class _Reduction:
         return best
 
     def _without(self, units: Iterable[Unit]) -> _Values:
-        values = self._given.copy()
+        values = deepcopy(self._given)
         for unit in units:
             values.leave_out(self.units[unit])
         return values
@@ -188,9 +189,6 @@ class _Values:
         self.away, self.cost = away, 0.0
         self._covariance = covariance
         self._least = np.maximum(_SINGULAR * np.diag(covariance), np.finfo(float).tiny)
-
-    def copy(self) -> _Values:
-        return _Values(self.away.copy(), self._covariance.copy())
 
     def cost_without(self, k: NDArray[np.intp]) -> float:
         """By how much the score has risen once some more are left out."""
