@@ -6,6 +6,7 @@ gap = gap_of(problem, replayed, replayed)
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -107,7 +108,7 @@ def gap_of(problem: Problem, before: Replayed, after: Replayed) -> Gap:
     finer_position, finer_joints = None, {}
     # The timestep's error is the same each time, where that of restarts comes by chance.
     if position.numerical_floor > own_noise(positions):
-        finer_before = finer if after is before else _finer(problem, before, drier)
+        finer_before = finer if after is before else _finer(problem, before, drier)[0]
 
         def at_finer(coarse: GapSize, chosen: Sequence[Channel]) -> GapSize:
             return replace(
@@ -252,18 +253,24 @@ def _nearest(
     It is where that comes nearer to what was measured: MuJoCo's own creeps, which a machine's does
     not, but a log of MuJoCo does.
     """
-    finer = _finer(problem, replayed, drier=False)
     if not any(robot.has_dry_friction for robot in problem.robots):
-        return finer, False
-    dry = _finer(problem, replayed, drier=True)
+        return _finer(problem, replayed, False)[0], False
+    finer, dry = _finer(problem, replayed, False, True)
     nearer = dry.rms(positions) < finer.rms(positions)
     return (dry, True) if nearer else (finer, False)
 
 
-def _finer(problem: Problem, replayed: Replayed, drier: bool) -> Replayed:
+def _finer(problem: Problem, replayed: Replayed, *drier: bool) -> list[Replayed]:
     """The same replays at a quarter of the timestep; `drier` with friction as dry as it goes."""
-    fine = tuple(r.on(r.robot.refined(_QUARTER, as_dry_as_it_goes=drier)) for r in replayed.replays)
-    return Replayed(replays=fine, predicted=tuple(as_they_are(fine, problem.n_threads)))
+    each = [
+        tuple(r.on(r.robot.refined(_QUARTER, as_dry_as_it_goes=one)) for r in replayed.replays)
+        for one in drier
+    ]
+    predicted = iter(as_they_are([replay for fine in each for replay in fine], problem.n_threads))
+    return [
+        Replayed(replays=fine, predicted=tuple(itertools.islice(predicted, len(fine))))
+        for fine in each
+    ]
 
 
 def _misread(problem: Problem, replayed: Replayed) -> list[Replayed]:
