@@ -17,7 +17,7 @@ import contextlib
 import ctypes
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from copy import copy
 from dataclasses import dataclass
@@ -57,6 +57,9 @@ _NO_STAGE, _VELOCITY = (
 )
 _NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 _NO_ISLANDS = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+_NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+_BITS = frozenset({"geom_contype", "geom_conaffinity"})
+_SENSED = frozenset({"sensordata", "cacc", "cfrc_int", "cfrc_ext"})  # found for sensors alone
 _CHECKED_EVERY = 16  # steps that one which has diverged may go on for
 # MuJoCo prints every instability and writes MUJOCO_LOG.TXT; a candidate that diverges is an
 # ordinary event here. The handler is called from threads without the interpreter lock, so it has
@@ -171,6 +174,8 @@ class LockStep:
         self._own_flags = int(model.opt.disableflags)
         if model.ntree == 1:  # all that is constrained is one island then, which MuJoCo looks for
             self._own_flags |= _NO_ISLANDS
+        if not _can_touch(model, fields or ()):
+            self._own_flags |= _NO_CONTACTS
         self._flags = self._batch.expand("opt.disableflags")
         self._flags[...] = self._own_flags
         for name, values in own.items():
@@ -237,6 +242,7 @@ class LockStep:
         """
         batch = self._batch
         batch.state[...] = state
+        self._sense(not _SENSED.isdisjoint(record))
         control, spec = _controls(ctrl, qfrc_applied)
         n_steps = ctrl.shape[1]
         shapes = {name: getattr(batch._data, name).shape for name in record}
@@ -355,6 +361,7 @@ class LockStep:
         """
         batch = self._batch
         batch.state[...] = state
+        self._sense(not _SENSED.isdisjoint(record))
         kept = [(batch.bind(name), name) for name in record]
         out = {name: np.empty((self.n_sims, n_steps, *now.shape[1:])) for now, name in kept}
         batch.warning[...] = 0
@@ -403,6 +410,15 @@ def _controls(ctrl: FloatArray, qfrc_applied: FloatArray | None) -> tuple[FloatA
     # State components are laid out in the order of their bits: ctrl comes first.
     spec |= int(mujoco.mjtState.mjSTATE_QFRC_APPLIED.value)
     return np.concatenate([ctrl, qfrc_applied], axis=-1), spec
+
+
+def _can_touch(model: mujoco.MjModel, fields: Collection[str]) -> bool:
+    """Whether any two geoms of a model may, of which each simulation has some fields of its own."""
+    if model.npair or model.nflex or not _BITS.isdisjoint(fields):
+        return True
+    meet = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
+    np.fill_diagonal(meet, False)
+    return bool(meet.any())
 
 
 def _with(model: mujoco.MjModel, fields: Mapping[str, NDArray[Any]]) -> mujoco.MjModel:

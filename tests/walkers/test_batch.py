@@ -88,6 +88,40 @@ def test_each_simulation_has_its_own_model_fields(model):
     np.testing.assert_array_equal(model.opt.gravity, [0, 0, -9.81])
 
 
+TOUCHING = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="1 1 1" contype="{floor}" conaffinity="{affinity}"/>
+    <body pos="0 0 0.2"> <freejoint/>
+      <geom size="0.1" contype="0" conaffinity="1"/> <site name="ball"/>
+    </body>
+  </worldbody>
+  <sensor> <accelerometer site="ball"/> </sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(("floor", "affinity"), [(1, 0), (0, 1), (2, 2)])
+@pytest.mark.parametrize("record", [("qpos",), ("qpos", "sensordata")])
+def test_what_may_touch_does_and_what_is_recorded_is_sensed(floor, affinity, record):
+    model = mujoco.MjModel.from_xml_string(TOUCHING.format(floor=floor, affinity=affinity))
+    data, own = mujoco.MjData(model), {name: [] for name in record}
+    engine = LockStep(model, 1, n_threads=1)
+    start = engine.batch.state.copy()
+    for _ in range(STEPS):
+        mujoco.mj_step(model, data)
+        for name in record:
+            own[name].append(getattr(data, name).copy())
+    assert (data.qpos[2] < 0.05) == (floor != 1)
+    runs = (
+        engine.rollout(start, ctrl=np.zeros((1, STEPS, 0)), record=record),
+        engine.step_by_step(start, STEPS, lambda _: None, record=record),
+    )
+    for rollout in runs:
+        for name in record:
+            np.testing.assert_array_equal(rollout.records[name][0], own[name])
+
+
 def test_threads_change_nothing(model):
     ctrl, start = commands(3), states(model, STARTS)
     runs = [LockStep(model, 3, n_threads=n).rollout(start, ctrl=ctrl) for n in (1, 2)]
