@@ -1,5 +1,7 @@
 """Sums of squares by algebra, against those of residuals that are made."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,18 +29,27 @@ def objective(robot, recording, **options):
     return Objective([replay], CHANNELS, np.full(2, 1e-5), **options)
 
 
-@pytest.fixture(params=["as given", "beside half the timestep", "over jumps"])
+@pytest.fixture(params=["as given", "beside half the timestep", "over jumps", "of another error"])
 def linear(request, walked):
-    """Recordings, a fit to them and its slopes, with and without a numerical error of its own."""
+    """Recordings, a fit to them and its slopes, with and without a numerical error of its own.
+
+    Slopes of another error are less that of their own fit, where the recordings know that of
+    another by now.
+    """
     robot, recording = walked
     options = {"jumps": request.param == "over jumps"}
     one = objective(robot, recording, **options)
     tried = structure([robot], viscous_friction=["hip"], armature=["hip"])
     (fit,) = evaluate(one, [(tried, np.array([0.2, 0.01]))])
-    if request.param != "as given":
-        one.refine({"half": objective(robot.refined(2), recording, **options)}, fit.case)
-        assert one.numerical.changes.any()
-    return one, fit, linearised(one, fit)
+    if request.param == "as given":
+        return one, fit, linearised(one, fit)
+    finer = {"half": objective(robot.refined(2), recording, **options)}
+    one.refine(finer, fit.case)
+    slopes = linearised(one, fit)
+    if request.param == "of another error":
+        one.refine(finer, replace(fit, values=np.array([1.0, 0.05])).case)
+    assert one.numerical.changes.any()
+    return one, fit, slopes
 
 
 def foretold_residual(one, slopes, step):
@@ -93,3 +104,14 @@ def test_products_are_those_of_the_slopes(linear):
     for k, normal in enumerate(found):
         own = slopes.jacobian[:, part[one.block] == k]
         np.testing.assert_allclose(normal, np.einsum("irc,jrc,c->ij", own, own, weights), rtol=1e-6)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_slopes_that_keep_no_numerical_error_say_all(linear, step):
+    one, _, slopes = linear
+    slopes = replace(slopes, uncorrected=None)
+    foretold = Foretold(one, slopes)
+    residual = slopes.residual + np.tensordot(step, slopes.jacobian, 1)
+    far = foretold.far(step)
+    np.testing.assert_allclose(foretold.squares(far), one.block_squares(residual), rtol=1e-6)
+    assert foretold.along @ far == pytest.approx(step)

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.gap.search.test_naming import LEG, fitted, hide, problem_of
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.search.compare import Member, is_worth_a_name
+from walkerkit.gap.search.decision import LEAST_GAIN, TEMPERATURE
+from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.reduce import members, reduced
-from walkerkit.gap.search.slopes import linearised, posterior_equations
-from walkerkit.gap.search.structure import Fit
+from walkerkit.gap.search.reduce import members, ordinary, reduced
+from walkerkit.gap.search.score import Scoring, memory_of
+from walkerkit.gap.search.slopes import Slopes, linearised, posterior_equations
+from walkerkit.gap.search.structure import Fit, Unit
 
 ORDINARY = ("viscous_friction", "coulomb_friction", "armature", "position_gain", "velocity_gain")
 
@@ -65,3 +71,138 @@ def test_without_says_what_no_member_has(leg: Problem, full: Fit) -> None:
     gone = ("coulomb_friction", "knee")
     found = members(leg.fit.objective, full, slopes, leg.noise, without=[gone])
     assert all(gone not in one.units for one in found)
+
+
+class Dropping:
+    """The same by dense algebra, each set of numbers solved for anew."""
+
+    def __init__(self, problem: Problem, full: Fit, slopes: Slopes, any_may_go: bool):
+        objective = problem.fit.objective
+        self.full, self.any_may_go = full, any_may_go
+        self.foretold = Foretold(objective, slopes)
+        self.scoring = Scoring(objective, full, self.foretold, problem.noise)
+        self.memory = memory_of(objective, slopes.residual)
+        self.normal, _ = posterior_equations(objective, full, slopes)
+        self.away = (full.values - full.structure.zero) / full.structure.scale
+        self.joints = [channel.joint for channel in objective.channels]
+        self.samples = objective.samples
+        self.columns: dict[Unit, list[int]] = {}
+        for k, slot in enumerate(full.structure.slots):
+            self.columns.setdefault(slot.unit, []).append(k)
+        self.units = [
+            unit
+            for unit in self.columns
+            if any_may_go or CATALOGUE[unit[0]].ordinary or len(self.places(unit[0])) > 1
+        ]
+
+    def places(self, effect: str) -> list[str]:
+        return [place for name, place in self.columns if name == effect]
+
+    def moved(self, gone: Sequence[Unit]) -> np.ndarray:
+        """Where the others go once some are at their zero, in scales."""
+        own = [k for unit in gone for k in self.columns[unit]]
+        stay = np.setdiff1d(np.arange(len(self.away)), own)
+        found = np.zeros_like(self.away)
+        found[own] = -self.away[own]
+        found[stay] = -np.linalg.pinv(self.normal[np.ix_(stay, stay)], rcond=1e-12) @ (
+            self.normal[np.ix_(stay, own)] @ found[own]
+        )
+        return found
+
+    def cost(self, gone: Sequence[Unit]) -> float:
+        moved = self.moved(gone)
+        return 0.5 * float(moved @ self.normal @ moved)
+
+    def member(self, gone: Sequence[Unit]) -> Member:
+        moved = self.moved(gone)
+        kept = [k for unit, own in self.columns.items() if unit not in gone for k in own]
+        effects: dict[str, tuple[str, ...]] = {}
+        for name, place in (unit for unit in self.columns if unit not in gone):
+            effects[name] = (*effects.get(name, ()), place)
+        return Member(
+            effects=effects,
+            scores=self.scoring.scores(self.foretold.far(moved), np.sort(kept), self.memory),
+            fit=self.full,
+            kept=np.sort(kept),
+            values=self.full.values + moved * self.full.structure.scale,
+        )
+
+    def may_go(self, unit: Unit, gone: Sequence[Unit]) -> bool:
+        elsewhere = [(unit[0], place) for place in self.places(unit[0]) if place != unit[1]]
+        is_free = self.any_may_go or CATALOGUE[unit[0]].ordinary
+        return is_free or any(other not in gone for other in elsewhere)
+
+    def best(self, first: Sequence[Unit]) -> Member:
+        """The cheapest goes again and again; the last that is worth as much, or hardly less."""
+        here = self.foretold.score(np.zeros_like(self.away))
+        alone = {u: self.foretold.score(self.moved([u])) - here for u in self.units}
+        usual = [*CATALOGUE]
+        gone = [*first]
+        told = most = self.member(gone)
+
+        def worth(one: Member) -> float:
+            return one.scores.elpd_nearby(one.scores).sum() / TEMPERATURE + one.log_prior
+
+        while True:
+            cost = {
+                u: max(self.cost([*gone, u]), alone[u] if alone[u] > LEAST_GAIN else 0.0)
+                for u in self.units
+                if u not in gone and self.may_go(u, gone)
+            }
+            if not cost:
+                return told
+            least = min(cost.values()) + TEMPERATURE / self.samples
+            alike = [u for u, its in cost.items() if its <= least]
+            gone.append(max(alike, key=lambda unit: usual.index(unit[0])))
+            member = self.member(gone)
+            if worth(member) >= worth(most):
+                told = most = member
+            elif not is_worth_a_name(member, most, self.joints):
+                told = member
+
+
+WITH_MANY_NUMBERS = ("coulomb_friction", "stribeck_friction", "position_gain", "torque_bias")
+
+
+@pytest.fixture(scope="module", params=["one number each", "several numbers, some idle"])
+def some(request: pytest.FixtureRequest, leg: Problem, full: Fit) -> Fit:
+    if request.param == "one number each":
+        return full
+    found = fitted(leg, **{name: ["knee", "ankle"] for name in WITH_MANY_NUMBERS})
+    leg.fit.refine(found)
+    return found
+
+
+@pytest.mark.parametrize("any_may_go", [False, True])
+def test_the_cheapest_go_as_they_do_where_each_set_is_solved_for_anew(
+    leg: Problem, some: Fit, any_may_go: bool
+) -> None:
+    slopes = linearised(leg.fit.objective, some)
+    apart = Dropping(leg, some, slopes, any_may_go)
+    if any_may_go:
+        found = [reduced(leg.fit.objective, some, slopes, leg.noise)]
+        expected = [apart.best([])]
+    else:
+        found = members(leg.fit.objective, some, slopes, leg.noise, whole=True)
+        best = apart.best([])
+        expected = [best, apart.member([])]
+        expected += [
+            apart.best([unit for unit in apart.units if unit[0] == name]) for name in ordinary(best)
+        ]
+    assert [dict(one.effects) for one in found] == [dict(one.effects) for one in expected]
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.kept, other.kept)
+        scale = some.structure.scale
+        np.testing.assert_allclose(one.values / scale, other.values / scale, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(one.scores.squares, other.scores.squares, rtol=1e-3)
+
+
+def test_a_whole_fit_that_needs_all_is_told_once(leg: Problem) -> None:
+    needed = fitted(leg, coulomb_friction=["knee"], torque_bias=["knee"])
+    leg.fit.refine(needed)
+    slopes = linearised(leg.fit.objective, needed)
+    found = members(leg.fit.objective, needed, slopes, leg.noise, whole=True)
+    assert [dict(one.effects) for one in found] == [
+        {"coulomb_friction": ("knee",), "torque_bias": ("knee",)},
+        {"torque_bias": ("knee",)},
+    ]
