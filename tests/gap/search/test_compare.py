@@ -126,6 +126,37 @@ def test_what_is_doubted_costs_nothing_where_it_is_doubted(problem: Problem) -> 
     assert doubting("shin", "thigh") == 0
 
 
+def test_a_number_costs_the_more_the_larger_it_is_and_a_choice_nothing(problem: Problem) -> None:
+    one = member(problem, {"payload": ("shin",), "timestep": ("*",)}, scores(0.01))
+    (size,) = CATALOGUE["payload"].parameters(problem.robots[0], "shin")
+    terms = (
+        Term(effect=CATALOGUE["payload"], sites=("shin",)),
+        *problem.terms([CATALOGUE["timestep"]]),
+    )
+    structure = Structure(terms, problem.robots)
+    fit = replace(one.fit, structure=structure, values=structure.zero)
+    chosen = structure.zero[1:] + 2.0
+
+    def weighing(mass: float) -> float:
+        values = np.array([mass, *chosen])
+        return replace(one, fit=fit, values=values, kept=np.arange(len(values))).log_prior
+
+    for times in (1.0, 5.0):
+        surprise = 0.5 * TAILS * np.log1p(times**2 / TAILS)
+        assert weighing(0.0) - weighing(times * size.prior) == pytest.approx(surprise)
+    assert weighing(0.0) == one.log_prior
+    # What is not kept costs nothing.
+    left_out = replace(one, fit=fit, values=structure.zero + size.prior, kept=np.arange(0))
+    assert left_out.log_prior == one.log_prior
+
+
+def test_the_order_of_effects_makes_no_other_structure(problem: Problem) -> None:
+    both = {"armature": ("knee",), "payload": ("shin",)}
+    one = member(problem, both, scores(0.01))
+    other = member(problem, dict(reversed(both.items())), scores(0.01))
+    assert one.key == other.key
+
+
 def test_a_structure_that_several_fits_end_at_counts_once(problem: Problem) -> None:
     usual = member(problem, {"armature": ("knee",)}, scores(0.01))
     rare = member(problem, {"payload": ("shin",)}, scores(0.01))
@@ -232,6 +263,18 @@ def test_what_is_below_the_floor_is_as_small_as_the_floor(part: float) -> None:
         before, after, count=count, floor=np.full(1, FLOOR), joints=["knee"]
     )
     assert worth is (part > 1)
+
+
+def test_blocks_in_which_a_channel_was_not_measured_say_nothing_of_it() -> None:
+    count = np.full((BLOCKS, 1), ROWS)
+    count[1:] = 0
+    after = count * 0.02**2
+    gains = {part: np.exp(2 * part * LEAST_GAIN) for part in (0.9, 1.1)}
+    for part, gain in gains.items():
+        found = leaves_smaller_gaps(
+            gain * after, after, count=count, floor=np.full(1, 1e-6), joints=["knee"]
+        )
+        assert found is (part > 1)
 
 
 def test_what_comes_back_without_an_effect(problem: Problem) -> None:

@@ -162,8 +162,8 @@ def test_a_residual_is_alike_for_as_long_as_its_autocorrelation_says(recordings)
     assert memory_of(one, slow)[0] == np.median(one.block_counts())
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.3])
-def test_wild_blocks_are_trusted_as_little_as_a_student_t_does(recordings, rho):
+@pytest.mark.parametrize(("rho", "uneven"), [(0.0, 0.3), (0.3, 0.3), (0.8, 0.5)])
+def test_wild_blocks_are_trusted_as_little_as_a_student_t_does(recordings, rho, uneven):
     one = objective(sized(pendulum(), *recordings), recordings)
     usual = 0.01 * autocorrelated(one, rho, np.random.default_rng(6))
     wild = usual.copy()
@@ -173,7 +173,7 @@ def test_wild_blocks_are_trusted_as_little_as_a_student_t_does(recordings, rho):
     count = one.block_counts()
     for found in (even, trust):
         assert np.sum(found * count) / count.sum() == pytest.approx(1)
-    assert even == pytest.approx(1, abs=0.3)
+    assert even == pytest.approx(1, abs=uneven)
     # By the definition of the weights, at the variance that makes them agree with themselves.
     memory = memory_of(one, usual)
     n, square = count / memory, one.block_squares(wild) / memory
@@ -181,8 +181,8 @@ def test_wild_blocks_are_trusted_as_little_as_a_student_t_does(recordings, rho):
     for _ in range(200):
         heavy = (TAILS + n) / (TAILS + square / variance)
         variance = float(np.sum(heavy * square) / n.sum())
-    assert trust == pytest.approx(heavy * count.sum() / np.sum(heavy * count), rel=0.05)
-    assert trust[2, 0] < 0.1 < 0.9 < np.delete(trust, 2).min()
+    assert trust == pytest.approx(heavy * count.sum() / np.sum(heavy * count), rel=0.04)
+    assert trust[2, 0] < 0.1 < 1.2 - uneven < np.delete(trust, 2).min()
     # Its density is that of a table, with the memory and the floor of where it began.
     scale = Scores(
         squares=one.block_squares(usual),
