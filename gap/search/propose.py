@@ -9,7 +9,7 @@ fitted together with everything that is there. A proposal decides nothing.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +32,7 @@ FloatArray = NDArray[np.float64]
 _BY_PROMISE, _BY_START, _PAIRS = 8, 4, 3  # that are fitted to little of the recordings
 _FEWEST = 3  # by promise, however little that is
 _WARM = 2  # steps of a fit to little of the recordings
-_FITTED, _REFITS = 4, 4  # of those that promise most of all, and steps of a fit to it
+_FITTED, _REFITS = 4, 4  # structures of those that promise most of all, and steps of a fit to it
 _OF_THE_LEAST = 0.7  # of the smallest gain worth a name, which more recordings may make up
 _MORE_THAN_ONE = 0.2  # by which two together promise more than any one, summed over the channels
 _HOPE = 0.5  # of the smallest gain worth a name, which a promise may fall short of
@@ -173,7 +173,7 @@ def _promising(
     order = each_once(hopeful, promised)
     worth = max(_OF_THE_LEAST * least_gain(problem), _brought(objective, own, instead_of))
     reach = own.score - worth
-    best = [hopeful[k] for k in order if promised[k] < reach][:_FITTED]
+    best = of_so_many_structures([hopeful[k] for k in order if promised[k] < reach], _FITTED)
     # A general law promises more than its plain case, to which it may have to give way.
     plain = {name for one in best for name in one.structure.terms[-1].effect.extends}
     single = 1 + len(current.structure.terms)
@@ -184,6 +184,17 @@ def _promising(
         and (_is_of(one, always) or (_is_of(one, plain) and len(one.structure.terms) == single))
     ]
     return best
+
+
+def of_so_many_structures(fits: Sequence[Fit], most: int) -> list[Fit]:
+    """The first of some fits, of so many structures; one may begin at several places."""
+    found, seen = list[Fit](), set[Hashable]()
+    for one in fits:
+        seen.add(one.structure.key)
+        if len(seen) > most:
+            break
+        found.append(one)
+    return found
 
 
 def each_once(fits: Sequence[Fit], promised: Sequence[float]) -> list[int]:

@@ -78,6 +78,20 @@ def test_starts_that_ended_at_the_same_are_one(made):
     assert propose.each_once([bias, bias, other, bias], promised) == [0, 2, 3]
 
 
+def test_a_structure_that_begins_at_several_places_takes_the_place_of_no_other(made):
+    problem, nothing = made("torque_bias")
+    names = ("torque_bias", "torque_constant", "encoder_gain")
+    bias, other, third = (
+        replace(nothing, structure=nothing.structure.with_term(term))
+        for term in problem.terms([CATALOGUE[name] for name in names])
+    )
+    again = replace(bias, score=bias.score + 1.0)
+    fits = [bias, again, other, again, third]
+    assert propose.of_so_many_structures(fits, 1) == [bias, again]
+    assert propose.of_so_many_structures(fits, 2) == [bias, again, other, again]
+    assert propose.of_so_many_structures(fits, 4) == fits
+
+
 def test_what_promises_nothing_is_not_fitted(made):
     problem, nothing = made("torque_bias")
     assert "torque_bias" in proposed(problem, nothing, "torque_bias", "clock_skew")
