@@ -6,14 +6,18 @@ from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from tests.gap.search.test_naming import LEG, fitted, hide, problem_of
-from walkerkit.gap.search.book import Book, stopped_since
+from walkerkit.gap.effects import CATALOGUE
+from walkerkit.gap.search.book import Book, KnownErrors, stopped_since
+from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.compare import Member, Rare, rare_effects
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit
 
 
@@ -138,3 +142,156 @@ def test_what_ran_into_a_bound_since_others_were_left_out(leg: Problem) -> None:
     assert stopped_since(free, stopped) == [bias]
     assert stopped_since(stopped, stopped) == []
     assert stopped_since(free, free) == []
+
+
+@pytest.fixture(scope="module")
+def known(leg: Problem) -> dict[str, Fit]:
+    """Fits of the leg: with what is hidden in it, and with less."""
+    (nothing,) = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
+    return {
+        "nothing": nothing,
+        "rubbed": fitted(leg, coulomb_friction=["knee"]),
+        "at the knee": rubbed(leg, "knee"),
+        "at both": rubbed(leg, "knee", "ankle"),
+    }
+
+
+def changed(leg: Problem, one: Fit, **values: float) -> Fit:
+    """A fit with other values of its newest effect at some places."""
+    own = {slot.place: k for k, slot in enumerate(one.structure.slots)}  # the newest comes last
+    moved = one.values.copy()
+    for place, value in values.items():
+        moved[own[place]] = value
+    (found,) = evaluate(leg.fit.objective, [(one.structure, moved)])
+    return found
+
+
+def test_a_rare_effect_enters_if_some_number_of_it_is_known(
+    leg: Problem, known: dict[str, Fit]
+) -> None:
+    both = known["at both"]
+    bias = both.structure.columns(both.structure.terms[-1])
+    for values, enters in [
+        ({}, True),
+        ({"ankle": 0.0}, True),  # that of the knee is
+        ({"knee": 0.0, "ankle": 0.0}, False),
+        ({"ankle": both.structure.bounds[1][bias[-1]]}, False),  # no estimate
+    ]:
+        book = Book(leg)
+        assert book.has(book.add(changed(leg, both, **values))) is enters
+
+
+def test_what_diverges_enters_nothing(leg: Problem, known: dict[str, Fit]) -> None:
+    book, wild = Book(leg), replace(known["at both"], score=np.inf)
+    assert book.add(wild) is wild
+    assert not book.table.members
+
+
+def test_what_leaves_no_smaller_gaps_than_fewer_rare_effects_do_is_no_member(
+    leg: Problem, known: dict[str, Fit]
+) -> None:
+    book = Book(leg)
+    fewer = book.add(known["at both"])
+    hardly = changed(leg, fitted_beside(leg, fewer), shin=1e-3)
+    assert not book.has(book.add(hardly, beside=fewer))
+    # The same with fewer numbers than one beside it need not beat that.
+    same = book.add(replace(known["at both"]), beside=fewer, smaller=True)
+    assert book.has(same)
+
+
+def fitted_beside(leg: Problem, one: Fit) -> Fit:
+    """A fit with a payload beside it, still without one."""
+    (term,) = (replace(term, sites=("shin",)) for term in leg.terms([CATALOGUE["payload"]]))
+    structure = one.structure.with_term(term)
+    (found,) = evaluate(leg.fit.objective, [(structure, np.append(one.values, 0.0))])
+    return found
+
+
+def test_what_is_far_behind_what_is_beside_it_is_not_looked_at(
+    leg: Problem, known: dict[str, Fit]
+) -> None:
+    book = Book(leg)
+    beside = book.add(known["rubbed"])
+    far = changed(leg, known["at the knee"], knee=-3.0)
+    assert book.add(far, beside=beside) is far
+    assert not book.has(far)
+    assert book.has(book.add(known["at the knee"], beside=beside))
+
+
+def test_gains_are_what_was_tried_takes_off_the_score(leg: Problem, known: dict[str, Fit]) -> None:
+    book = Book(leg)
+    beside = book.add(known["rubbed"])
+    assert not book.has_tried("torque_bias")
+    gains = []
+    for one in (known["at the knee"], known["at both"], changed(leg, known["at both"], knee=0.4)):
+        book.add(one, beside=beside)
+        gains.append(beside.score - one.score)
+        assert book.gains == {(2, "torque_bias"): max(gains)}
+    assert book.has_tried("torque_bias")
+    assert not book.has_tried("payload")
+    book.add(known["at both"], beside=known["nothing"], smaller=True)
+    assert book.gains == {(2, "torque_bias"): max(gains)}
+
+
+def test_gains_of_the_ground_are_what_comes_back_without(
+    leg: Problem, known: dict[str, Fit]
+) -> None:
+    book = Book(leg)
+    both = book.add(known["at both"])
+    whole, without = (m for m in book.table.members if m.fit is both)
+    assert without.units == whole.units - {("coulomb_friction", "knee")}
+    sizes = [np.log(np.hypot(m.scores.size, m.scores.floor)).mean() for m in (whole, without)]
+    expected = {(1, "coulomb_friction"): pytest.approx(sizes[1] - sizes[0])}
+    assert book.gains == expected
+    book.add(known["at the knee"])  # by what was found first
+    assert book.gains == expected
+
+
+def test_what_a_smaller_fit_lacks_is_worth_a_name_or_not(
+    leg: Problem, known: dict[str, Fit]
+) -> None:
+    book = Book(leg)
+    rubs, both = (book.add(known[name]) for name in ("rubbed", "at both"))
+    same = book.add(replace(both), beside=both, smaller=True)
+    assert not book.is_enough(rubs, both)
+    assert book.is_enough(same, both)
+    unread = known["at the knee"]
+    assert book.is_enough(rubs, unread)
+    assert not book.is_enough(unread, both)
+    assert not book.is_enough(unread, replace(unread))
+
+
+def test_slopes_of_the_latest_fit_are_kept_and_carried_to_those_beside_it(
+    leg: Problem, known: dict[str, Fit]
+) -> None:
+    book = Book(leg)
+    beside = book.add(known["rubbed"])
+    slopes = book.slopes(beside)
+    assert book.slopes(beside) is slopes
+    book.add(known["at the knee"], beside=beside)
+    assert book.slopes(beside) is slopes
+    other = book.slopes(known["at both"])
+    assert other is not slopes
+    assert book.slopes(known["at both"]) is other
+    assert len(other.jacobian) == len(known["at both"].values)
+
+
+def test_errors_are_those_of_what_is_kept_beside_what_is_fixed(
+    leg: Problem, known: dict[str, Fit]
+) -> None:
+    both = fitted(leg, coulomb_friction=["knee"], torque_bias=["knee", "ankle"], cogging=["knee"])
+    leg.fit.refine(both)
+    slopes = linearised(leg.fit.objective, both)
+    leg.screen.refine(both)
+    variance, _ = covariance(leg.fit.objective, both, leg.noise, slopes, leg.screen.objective)
+    errors = KnownErrors(leg, both, slopes)
+    away = np.abs(both.values - both.structure.zero)
+    shape = np.array([slot.parameter.shape for slot in both.structure.slots])
+    assert shape.any()
+    assert (errors.of()[shape] == 0).all()
+    std = np.sqrt(np.diag(variance))
+    np.testing.assert_allclose(errors.of()[~shape], (away / std)[~shape], rtol=1e-6)
+    kept = [0, 2]
+    within = np.linalg.inv(np.linalg.inv(variance)[np.ix_(kept, kept)])
+    expected = away[kept] / np.sqrt(np.diag(within))
+    np.testing.assert_allclose(errors.of(kept)[kept], expected, rtol=1e-4)
