@@ -62,7 +62,8 @@ def equivalences(
         effect: its name in the catalogue.
         signals: what was recorded of the joints: `position`, `velocity`, `effort`.
         robot: the robot; None leaves out what holds on special robots only.
-        joints: the joints that have the effect, or `("*",)`; of an effect of bodies none.
+        joints: the joints that have the effect, or `("*",)`; of an effect of bodies those that
+            carry them (`carriers`).
         beside: the other effects that explain the recordings, of those at all of these joints.
 
     Returns:
@@ -78,6 +79,15 @@ def equivalences(
         if entry.usual if robot is None else entry.holds(robot, joints):
             found[other] = entry.reason
     return found
+
+
+def carriers(robot: Robot, bodies: Collection[str]) -> tuple[str, ...]:
+    """The joints that move some bodies and not what these hang from, in the robot's order."""
+    model = robot.model
+    welded = {int(model.body_weldid[model.body(name).id]) for name in bodies}
+    return tuple(
+        name for name, joint in robot.joints.items() if int(model.jnt_bodyid[joint.id]) in welded
+    )
 
 
 def spelled_out(effect: str, *, beside: Collection[str] = ()) -> dict[tuple[str, str], str]:
@@ -165,6 +175,37 @@ def _turns_one_body_in_gravity(robot: Robot, joints: Sequence[str]) -> bool:
     carrier = int(model.jnt_bodyid[robot.joints[_listed(robot, joints)[0]].id])
     moving = [body for body in range(1, model.nbody) if descends(model, body, carrier)]
     return sum(bool(model.body_mass[body] > 0) for body in moving) == 1
+
+
+def _turns_the_last_body(robot: Robot, joints: Sequence[str]) -> bool:
+    """Whether a joint carries one body and no other joint, on a robot that moves in a plane.
+
+    There the inertia about one axis is all that counts, which turning the body leaves as it is.
+    """
+    model, names = robot.model, _listed(robot, joints)
+    if len(names) != 1 or model.nv != len(robot.joints):
+        return False
+    last = robot.joints[names[0]]
+    carrier = int(model.jnt_bodyid[last.id])
+    moving = [body for body in range(1, model.nbody) if descends(model, body, carrier)]
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return (
+        model.jnt_stiffness[last.id] == 0
+        and sum(bool(model.body_mass[body] > 0) for body in moving) == 1
+        and sum(int(model.body_jntnum[body]) for body in moving) == 1
+        and all(
+            not joint.slide
+            and np.linalg.norm(np.cross(data.xaxis[joint.id], data.xaxis[last.id])) <= _PARALLEL
+            for joint in robot.joints.values()
+        )
+    )
+
+
+def _turns_the_last_body_in_gravity(robot: Robot, joints: Sequence[str]) -> bool:
+    if robot.model.nv == 1:
+        return _turns_one_body_in_gravity(robot, joints)
+    return _turns_the_last_body(robot, joints)
 
 
 def _moves_across_gravity(robot: Robot, joints: Sequence[str]) -> bool:
@@ -267,20 +308,23 @@ _TABLE: tuple[Equivalence, ...] = (
         ),
     ),
     # Turning a body's centre of mass about the axis keeps its distance, and with it the inertia.
-    *(
-        Equivalence(
-            effects=("com_offset", turned),
-            holds=_turns_one_body_in_gravity,
-            reason=(
-                "On a single joint, a centre of mass that lies elsewhere at the same distance from "
-                f"the axis feels gravity as it would with {cause}; a level on the base, or a stop "
-                "at a known angle, would show which it is."
-            ),
-        )
-        for turned, cause in (
-            ("encoder_offset", "a wrong zero of the encoder"),
-            ("base_tilt", "a tilted base"),
-        )
+    Equivalence(
+        effects=("com_offset", "encoder_offset"),
+        holds=_turns_the_last_body_in_gravity,
+        reason=(
+            "A centre of mass of the last link that lies elsewhere at the same distance from the "
+            "axis, on a robot that moves in a plane, swings as it would with a wrong zero of the "
+            "encoder; a stop at a known angle would show which it is."
+        ),
+    ),
+    Equivalence(
+        effects=("com_offset", "base_tilt"),
+        holds=_turns_one_body_in_gravity,
+        reason=(
+            "On a single joint, a centre of mass that lies elsewhere at the same distance from the "
+            "axis feels gravity as it would with a tilted base; a level on the base would show "
+            "which it is."
+        ),
     ),
     # Iₐ q̈ and Δm l² q̈ (Δm q̈ on a slide) are one torque where Δm meets no gravity.
     Equivalence(

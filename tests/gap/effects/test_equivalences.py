@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.effects.equivalences import _TABLE, equivalences, spelled_out, wholes
+from walkerkit.gap.effects.equivalences import _TABLE, carriers, equivalences, spelled_out, wholes
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
 from walkerkit.gap.simulation.load_robot import robot_from_spec
@@ -85,6 +85,85 @@ def apart_by(robot, first, second):
     plain, one, other = (logs(robot, planted) for planted in ({}, first, second))
     size = np.sqrt(np.mean((one - plain) ** 2, axis=0))
     return np.sqrt(np.mean((one - other) ** 2, axis=0)) / np.maximum(size, 1e-9)
+
+
+def two_links(*, elbow='axis="0 1 0"', hand=""):
+    """A leg of two links; what the hand has is carried by the second."""
+    return robot_from_spec(
+        mujoco.MjSpec.from_string(f"""
+        <mujoco><compiler angle="radian"/><option timestep="0.0005" integrator="implicitfast"/>
+        <default><joint armature="0.01" damping="0.3"/></default>
+        <worldbody><body name="upper"><joint name="hip" axis="0 1 0"/>
+          <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.6"/>
+          <body name="arm" pos="0 0 -0.2"><joint name="knee" {elbow}/>
+            <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.6"/>{hand}</body>
+        </body>
+        </worldbody>
+        <actuator><position joint="hip" kp="30" kv="1"/><position joint="knee" kp="30" kv="1"/>
+        </actuator></mujoco>"""),
+        "two.xml",
+    )
+
+
+def test_a_last_link_in_a_plane_turns_as_its_centre_of_mass_does():
+    robot = two_links()
+    time = np.arange(0.0, 3.0, 0.002)
+    target = 0.4 * np.sin(4 * time + time**2) * (time > 0.3)
+    columns = {
+        f"{joint}/{signal}": values
+        for joint, way in (("hip", -0.7), ("knee", 1.0))
+        for signal, values in (("position", 0 * time), ("position_target", way * target))
+    }
+    log = Recording(name="log", time=time, columns=columns)
+    channels = [
+        Channel(joint=j, signal=s)
+        for j in ("hip", "knee")
+        for s in ("position", "velocity", "effort")
+    ]
+    replay = Replay(robot, whole(log), channels, n_threads=1)
+
+    def left(effect=None, site=None, values=()):
+        trials = Trials(robot, 1)
+        if effect:
+            CATALOGUE[effect].apply(trials, site, np.array([values]))
+        return replay.predict(trials)[0][time > 1.5]
+
+    plain = left()
+    turned, offset, upper = (
+        left("encoder_offset", "knee", (TURN,)),
+        left("com_offset", "arm", TURNED),
+        left("com_offset", "upper", (0.1 * np.sin(TURN), 0.1 * (1 - np.cos(TURN)))),
+    )
+    size = np.sqrt(np.mean((turned - plain) ** 2, axis=0))
+    assert (np.sqrt(np.mean((turned - offset) ** 2, axis=0)) < 0.02 * size).all()
+    assert (np.sqrt(np.mean((turned - upper) ** 2, axis=0)) > 0.3 * size).all()
+    every = ("position", "velocity", "effort")
+    assert "com_offset" in equivalences("encoder_offset", every, robot=robot, joints=("knee",))
+    assert "com_offset" not in equivalences("encoder_offset", every, robot=robot, joints=("hip",))
+    assert carriers(robot, ["arm"]) == ("knee",)
+    assert carriers(robot, ["upper", "arm"]) == ("hip", "knee")
+    for bodies, same in ((["arm"], True), (["upper"], False), (["upper", "arm"], False)):
+        found = equivalences("com_offset", every, robot=robot, joints=carriers(robot, bodies))
+        assert ("encoder_offset" in found) is same
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"elbow": 'axis="1 0 0"'},  # out of the plane the inertia turns with the body
+        {"elbow": 'axis="0 1 0" stiffness="1"'},  # whose spring rests elsewhere
+        {"elbow": 'type="slide" axis="0 1 0"'},
+        {"hand": '<body name="hand"><geom size="0.02" mass="0.1"/></body>'},
+        {
+            "hand": '<body name="hand"><joint name="wrist" axis="0 1 0"/>'
+            '<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-9 1e-9 1e-9"/></body>'
+        },
+    ],
+    ids=["axes cross", "spring", "slide", "two bodies", "another joint"],
+)
+def test_elsewhere_it_does_not(other):
+    robot = two_links(**other)
+    assert "com_offset" not in equivalences("encoder_offset", [], robot=robot, joints=("knee",))
 
 
 @pytest.mark.parametrize("pair", CASES, ids=" ".join)
