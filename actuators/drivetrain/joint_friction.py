@@ -184,24 +184,20 @@ class PreslidingFriction(DrivetrainLaw):
     @staticmethod
     def apply(step: Step, p: Parameters, state: State) -> None:
         """As in `DrivetrainLaw`."""
-        stiffness, z = p["bristle_stiffness"], state["z"]
+        stiffness = p["bristle_stiffness"]
         level = np.maximum(step.dry + step.friction, 0.0)
         furthest = level / stiffness
         settled = np.sign(step.qd) * furthest
-        left = np.exp(-step.dt * np.abs(step.qd) / np.maximum(furthest, _SMALLEST))
-        bent = settled + (z - settled) * left
-        soft = stiffness < PreslidingFriction.neutral["bristle_stiffness"]
-        if np.isnan(z).any():  # some are in their first steps
-            stuck = np.abs(step.held) <= state["level"]
-            start = np.where(stuck, -step.held / stiffness, settled)
-            bent = np.where(np.isnan(z), start, bent)
-            steps = np.where(np.isnan(state["steps"]), 0.0, state["steps"])
-            rigid = steps < _RIGID_STEPS
-            state["level"] = level * (1 + 1e-9)  # the solver's rounding
-            state["steps"] = steps + 1.0
-            state["z"] = np.where(rigid, np.nan, bent)
-            soft &= ~rigid
-        else:
-            state["z"] = bent
+        stuck = np.abs(step.held) <= state["level"]
+        start = np.where(stuck, -step.held / stiffness, settled)
+        slid = step.dt * np.abs(step.qd) / np.maximum(furthest, _SMALLEST)
+        z = state["z"]
+        bent = np.where(np.isnan(z), start, settled + (z - settled) * np.exp(-slid))
+        steps = np.where(np.isnan(state["steps"]), 0.0, state["steps"])
+        rigid = steps < _RIGID_STEPS
+        state["z"] = np.where(rigid, np.nan, bent)
+        state["level"] = level * (1 + 1e-9)  # the solver's rounding
+        state["steps"] = steps + 1.0
+        soft = ~rigid & (stiffness < PreslidingFriction.neutral["bristle_stiffness"])
         step.extra -= np.where(soft, stiffness * bent, 0.0)
-        np.negative(step.dry, out=step.friction, where=soft)
+        step.friction = np.where(soft, -step.dry, step.friction)
