@@ -114,7 +114,9 @@ def diagnosed(chosen: tuple[Scenario, int]) -> Found:
     named = [one for one in result.effects if one.effect != _OWN_STEP]
     sure = [one for one in named if one.confidence >= _SURE]
     alike = {
-        one.effect: equivalences(one.effect, scenario.signals, robot=robot, joints=one.joints)
+        one.effect: equivalences(
+            one.effect, scenario.signals, robot=robot, joints=one.joints, bodies=one.bodies
+        )
         for one in sure
     }
     return Found(

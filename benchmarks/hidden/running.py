@@ -22,7 +22,7 @@ from benchmarks.hidden.saying import Truth, alike, places, said
 from benchmarks.hidden.truths import truth
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.effects.equivalences import carriers, spelled_out, wholes
+from walkerkit.gap.effects.equivalences import spelled_out, wholes
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
@@ -236,9 +236,7 @@ def _hidden(one: HiddenEffect, robot: Robot, case: Case) -> Hidden:
     return Hidden(
         effect=one.effect,
         places=places(joints, one.bodies, robot),
-        alike=alike(
-            one.effect, joints or carriers(robot, one.bodies), robot, SIGNALS[case.channels]
-        ),
+        alike=alike(one.effect, joints, one.bodies, robot, SIGNALS[case.channels]),
         text=one.describe(),
     )
 

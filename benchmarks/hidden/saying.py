@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 
 from benchmarks.hidden.outcome import Named, Value
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.effects.equivalences import carriers, equivalences
+from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.report.diagnosis import Estimate, NamedEffect
 from walkerkit.gap.simulation.robot import Robot
 
@@ -45,7 +45,7 @@ def said(
         places=places(one.joints, one.bodies, robot),
         confidence=one.confidence,
         doubt=one.indistinguishable_from,
-        alike=alike(one.effect, one.joints or carriers(robot, one.bodies), robot, signals, beside),
+        alike=alike(one.effect, one.joints, one.bodies, robot, signals, beside),
         values=tuple(values),
     )
 
@@ -60,14 +60,14 @@ def places(joints: Sequence[str], bodies: Sequence[str], robot: Robot) -> tuple[
 def alike(
     effect: str,
     joints: Sequence[str],
+    bodies: Sequence[str],
     robot: Robot,
     signals: Collection[str],
     beside: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Effects that the catalogue documents as exactly equivalent where these signals are logged.
-
-    Of an effect of bodies at the joints that carry them.
-    """
+    """Effects that the catalogue documents as exactly equivalent where these signals are logged."""
     if effect not in CATALOGUE:
         return ()
-    return tuple(equivalences(effect, signals, robot=robot, joints=tuple(joints), beside=beside))
+    return tuple(
+        equivalences(effect, signals, robot=robot, joints=joints, bodies=bodies, beside=beside)
+    )

@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import subprocess
 import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
 
 from benchmarks.rivals.logs import LOGS, write_experiments
 from benchmarks.rivals.plain import MORE, plain
@@ -74,7 +73,7 @@ def best_model(name: str, folder: Path, *, rounds: int = _ROUNDS) -> Best:
             robots=tuple(replace(robot, hold=problem.hold) for robot in fitted.robots),
             gaps={signal: size.after for signal, size in fitted.gap.signals.items()},
         )
-        as_given = _Found(robots=problem.robots, gaps={"position": np.inf})
+        as_given = _Found(robots=problem.robots, gaps={"position": math.inf})
         each = [_diagnosed(experiments, one, rounds) for one in (plainly, as_given)]
         best = min(each, key=lambda one: one.gaps["position"])
         _written(experiments, best.robots, own)
@@ -82,7 +81,7 @@ def best_model(name: str, folder: Path, *, rounds: int = _ROUNDS) -> Best:
             "commit": commit(),
             "seconds": time.perf_counter() - start,
             "gaps": best.gaps,
-            "values": [
+            "plain_fit": [
                 f"{one.effect} {of.place} {of.name} {of.value:.4g} ± {of.std or float('nan'):.2g}"
                 for one in fitted.effects
                 for of in one.parameters

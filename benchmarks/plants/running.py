@@ -20,7 +20,6 @@ from benchmarks.plants.outcome import Compared, PlantedOutcome, shows
 from benchmarks.rivals.logs import LOGS, write_experiments
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
-from walkerkit.gap.effects.equivalences import carriers
 from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.report.diagnosis import Diagnosis, Estimate
 from walkerkit.gap.simulation.load_robot import load_robot
@@ -158,11 +157,11 @@ def _hidden(error: Planted, setting: Setting) -> Hidden:
     on_body = error.effect in CATALOGUE and CATALOGUE[error.effect].kind == "body"
     joints = () if on_body or error.place == EVERYWHERE else (error.place,)
     bodies = (error.place,) if on_body else ()
-    shown = joints or (carriers(setting.robot, bodies) if on_body else (EVERYWHERE,))
+    shown = joints or ((EVERYWHERE,) if not on_body else ())
     return Hidden(
         effect=error.effect,
         places=places(joints, bodies, setting.robot),
-        alike=alike(error.effect, shown, setting.robot, setting.signals),
+        alike=alike(error.effect, shown, bodies, setting.robot, setting.signals),
         text=error.text,
     )
 

@@ -54,6 +54,7 @@ def equivalences(
     *,
     robot: Robot | None = None,
     joints: Sequence[str] = (),
+    bodies: Collection[str] = (),
     beside: Collection[str] = (),
 ) -> dict[str, str]:
     """What an effect cannot be told from, whatever is commanded.
@@ -62,14 +63,16 @@ def equivalences(
         effect: its name in the catalogue.
         signals: what was recorded of the joints: `position`, `velocity`, `effort`.
         robot: the robot; None leaves out what holds on special robots only.
-        joints: the joints that have the effect, or `("*",)`; of an effect of bodies those that
-            carry them (`carriers`).
+        joints: the joints that have the effect, or `("*",)`; of an effect of bodies none.
+        bodies: the bodies that have it, where it is one of bodies.
         beside: the other effects that explain the recordings, of those at all of these joints.
 
     Returns:
         Name of each exactly equivalent effect to the reason, a sentence.
     """
     found = {}
+    if robot is not None and bodies:
+        joints = _carriers(robot, bodies)
     for entry in _TABLE:
         if effect not in entry.effects or not entry.parted_by.isdisjoint(signals):
             continue
@@ -79,15 +82,6 @@ def equivalences(
         if entry.usual if robot is None else entry.holds(robot, joints):
             found[other] = entry.reason
     return found
-
-
-def carriers(robot: Robot, bodies: Collection[str]) -> tuple[str, ...]:
-    """The joints that move some bodies and not what these hang from, in the robot's order."""
-    model = robot.model
-    welded = {int(model.body_weldid[model.body(name).id]) for name in bodies}
-    return tuple(
-        name for name, joint in robot.joints.items() if int(model.jnt_bodyid[joint.id]) in welded
-    )
 
 
 def spelled_out(effect: str, *, beside: Collection[str] = ()) -> dict[tuple[str, str], str]:
@@ -168,15 +162,6 @@ def _turns_all_in_gravity(robot: Robot, joints: Sequence[str]) -> bool:
     )
 
 
-def _turns_one_body_in_gravity(robot: Robot, joints: Sequence[str]) -> bool:
-    model = robot.model
-    if model.nv != 1 or not _turns_all_in_gravity(robot, joints):
-        return False
-    carrier = int(model.jnt_bodyid[robot.joints[_listed(robot, joints)[0]].id])
-    moving = [body for body in range(1, model.nbody) if descends(model, body, carrier)]
-    return sum(bool(model.body_mass[body] > 0) for body in moving) == 1
-
-
 def _turns_the_last_body(robot: Robot, joints: Sequence[str]) -> bool:
     """Whether a joint carries one body and no other joint, on a robot that moves in a plane.
 
@@ -199,13 +184,13 @@ def _turns_the_last_body(robot: Robot, joints: Sequence[str]) -> bool:
             and np.linalg.norm(np.cross(data.xaxis[joint.id], data.xaxis[last.id])) <= _PARALLEL
             for joint in robot.joints.values()
         )
+        # By itself it shows where it is in gravity alone.
+        and (model.nv > 1 or not _gravity_leaves_alone(robot, last))
     )
 
 
-def _turns_the_last_body_in_gravity(robot: Robot, joints: Sequence[str]) -> bool:
-    if robot.model.nv == 1:
-        return _turns_one_body_in_gravity(robot, joints)
-    return _turns_the_last_body(robot, joints)
+def _turns_the_only_body(robot: Robot, joints: Sequence[str]) -> bool:
+    return robot.model.nv == 1 and _turns_the_last_body(robot, joints)
 
 
 def _moves_across_gravity(robot: Robot, joints: Sequence[str]) -> bool:
@@ -228,6 +213,15 @@ def _rubs_dry(robot: Robot, joints: Sequence[str]) -> bool:
     """Whether the model has dry friction of its own at all of the joints."""
     dofs = [robot.joints[name].dof for name in _listed(robot, joints)]
     return bool(dofs) and bool((robot.model.dof_frictionloss[dofs] > 0).all())
+
+
+def _carriers(robot: Robot, bodies: Collection[str]) -> tuple[str, ...]:
+    """The joints that move some bodies and not what these hang from, in the robot's order."""
+    model = robot.model
+    welded = {int(model.body_weldid[model.body(name).id]) for name in bodies}
+    return tuple(
+        name for name, joint in robot.joints.items() if int(model.jnt_bodyid[joint.id]) in welded
+    )
 
 
 def _listed(robot: Robot, joints: Sequence[str]) -> list[str]:
@@ -310,7 +304,7 @@ _TABLE: tuple[Equivalence, ...] = (
     # Turning a body's centre of mass about the axis keeps its distance, and with it the inertia.
     Equivalence(
         effects=("com_offset", "encoder_offset"),
-        holds=_turns_the_last_body_in_gravity,
+        holds=_turns_the_last_body,
         reason=(
             "A centre of mass of the last link that lies elsewhere at the same distance from the "
             "axis, on a robot that moves in a plane, swings as it would with a wrong zero of the "
@@ -319,7 +313,7 @@ _TABLE: tuple[Equivalence, ...] = (
     ),
     Equivalence(
         effects=("com_offset", "base_tilt"),
-        holds=_turns_one_body_in_gravity,
+        holds=_turns_the_only_body,
         reason=(
             "On a single joint, a centre of mass that lies elsewhere at the same distance from the "
             "axis feels gravity as it would with a tilted base; a level on the base would show "

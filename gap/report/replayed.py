@@ -6,7 +6,6 @@ gap = gap_of(problem, replayed, replayed)
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -145,9 +144,9 @@ def gaps_with(problem: Problem, fits: Sequence[Fit]) -> list[dict[str, float]]:
     replays = problem.held.told
     trials = [one.structure.trials(r.robot, one.values[None]) for one in fits for r in replays]
     predicted = predict_together([*replays] * len(fits), trials, problem.n_threads)
-    each = (predicted[k : k + len(replays)] for k in range(0, len(predicted), len(replays)))
     return [
-        gaps_of(Replayed(replays=replays, predicted=tuple(one[0] for one in its))) for its in each
+        gaps_of(Replayed(replays=replays, predicted=tuple(one[0] for one in its)))
+        for its in _apart(predicted, len(replays))
     ]
 
 
@@ -266,11 +265,14 @@ def _finer(problem: Problem, replayed: Replayed, *drier: bool) -> list[Replayed]
         tuple(r.on(r.robot.refined(_QUARTER, as_dry_as_it_goes=one)) for r in replayed.replays)
         for one in drier
     ]
-    predicted = iter(as_they_are([replay for fine in each for replay in fine], problem.n_threads))
-    return [
-        Replayed(replays=fine, predicted=tuple(itertools.islice(predicted, len(fine))))
-        for fine in each
-    ]
+    predicted = as_they_are([replay for fine in each for replay in fine], problem.n_threads)
+    its = _apart(predicted, len(replayed.replays))
+    return [Replayed(replays=fine, predicted=own) for fine, own in zip(each, its, strict=True)]
+
+
+def _apart(predicted: Sequence[FloatArray], count: int) -> list[tuple[FloatArray, ...]]:
+    """What was predicted of several sets of so many replays, set by set."""
+    return [tuple(predicted[k : k + count]) for k in range(0, len(predicted), count)]
 
 
 def _misread(problem: Problem, replayed: Replayed) -> list[Replayed]:

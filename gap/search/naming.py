@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
-from walkerkit.gap.effects.equivalences import carriers, equivalences
+from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.by_itself import leaves_less, only_needed, without_stand_ins
 from walkerkit.gap.search.compare import Member, Table
@@ -542,9 +542,8 @@ def _equivalent(problem: Problem, term: Term, final: Fit) -> dict[str, str]:
             if term.effect.kind != "joint" or channel.joint in sites
         },
         robot=problem.robots[0],
-        joints=(
-            carriers(problem.robots[0], term.sites) if term.effect.kind == "body" else term.places
-        ),
+        joints=() if term.effect.kind == "body" else term.places,
+        bodies=term.sites if term.effect.kind == "body" else (),
         beside={
             other.effect.name
             for other in final.structure.terms

@@ -16,6 +16,7 @@ the simulation's own log of the same experiment, which lacks nothing, and taken 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Literal
@@ -26,7 +27,6 @@ from numpy.typing import NDArray
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import Segment, whole
 from walkerkit.gap.recordings.state import MeasuredState
-from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.objective import BLOCK
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.replay import Channel, Replay, as_they_are
@@ -36,7 +36,6 @@ from walkerkit.gap.units import LARGEST_POSITION
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-_Name = Literal["fit", "held"]
 
 _WINDOW = 0.02  # s
 _FEWEST_STEPS = 4  # samples of the log
@@ -85,7 +84,7 @@ def residual_effort(
     problem: Problem,
     robots: Sequence[Robot],
     joints: Sequence[str],
-    halves: Sequence[_Name] = ("fit", "held"),
+    halves: Sequence[Literal["fit", "held"]] = ("fit", "held"),
 ) -> ResidualEffort | None:
     """Measures the effort that robots lack.
 
@@ -99,30 +98,28 @@ def residual_effort(
         The windows of all recordings that have these joints, or None where there are none.
     """
     finer = [robot.refined(_FINER) for robot in robots]
-    recordings = {
-        name: [
-            (robot, recording)
-            for robot, mine in zip(finer, _half(problem, name).recordings, strict=True)
-            for recording in mine
-            if all(joint in recording.joints for joint in joints)
-        ]
+    half = {"fit": problem.fit, "held": problem.held}
+    experiments = [
+        (name, robot, recording)
         for name in halves
-    }
-    own_logs = iter(_own_logs(problem, [one for some in recordings.values() for one in some]))
+        for robot, mine in zip(finer, half[name].recordings, strict=True)
+        for recording in mine
+        if all(joint in recording.joints for joint in joints)
+    ]
+    own_logs = _own_logs(problem, [(robot, recording) for _, robot, recording in experiments])
+    count = Counter(name for name, *_ in experiments)
     parts: list[dict[str, FloatArray]] = []
     blocks = 0
-    for name, some in recordings.items():
-        for robot, recording in some:
-            own = next(own_logs)
-            for segments in _batches(recording, _MOST // len(some)):
-                part = _windows(problem, robot, segments, joints)
-                if own is not None:
-                    same = [replace(segment, recording=own) for segment in segments]
-                    part["lacking"] -= _lacking(problem, robot, same, joints)
-                part["held_out"] = np.full(len(segments), float(name == "held"))
-                part["block"] = blocks + (part["time"] - recording.time[0]) // BLOCK
-                parts.append(part)
-            blocks += int((recording.time[-1] - recording.time[0]) / BLOCK) + 1
+    for (name, robot, recording), own in zip(experiments, own_logs, strict=True):
+        for segments in _batches(recording, _MOST // count[name]):
+            part = _windows(problem, robot, segments, joints)
+            if own is not None:
+                same = [replace(segment, recording=own) for segment in segments]
+                part["lacking"] -= _lacking(problem, robot, same, joints)
+            part["held_out"] = np.full(len(segments), float(name == "held"))
+            part["block"] = blocks + (part["time"] - recording.time[0]) // BLOCK
+            parts.append(part)
+        blocks += int((recording.time[-1] - recording.time[0]) / BLOCK) + 1
     if not parts:
         return None
     found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -140,10 +137,6 @@ def residual_effort(
         block=found["block"].astype(np.int64),
         held_out=found["held_out"] > 0,
     )
-
-
-def _half(problem: Problem, name: _Name) -> Half:
-    return problem.fit if name == "fit" else problem.held
 
 
 def _own_logs(
