@@ -216,8 +216,9 @@ class Table:
         for k in order[:within]:
             one = self.members[k]
             if best.effects.keys() - one.effects.keys() == {effect}:
-                for name in one.effects.keys() - best.effects.keys():
-                    found.setdefault(name, one)
+                for name in one.effects:  # a set of names has another order in each process
+                    if name not in best.effects:
+                        found.setdefault(name, one)
         return found
 
     def frame(self) -> pd.DataFrame:

@@ -198,6 +198,18 @@ def test_what_could_be_exchanged_lacks_nothing_else(problem: Problem) -> None:
     assert far.exchanges("armature") == {}
 
 
+def test_what_is_exchanged_together_comes_in_the_order_of_its_structure(problem: Problem) -> None:
+    names = (
+        *("velocity_gain", "armature", "viscous_friction"),
+        *("command_delay", "coulomb_friction", "position_gain"),
+    )
+    told = member(problem, {"asymmetric_friction": ("knee",)}, scores(0.01))
+    other = member(problem, dict.fromkeys(names, ("knee",)), scores(0.01005))
+    table = Table((told, other))
+    assert table.best is told
+    assert tuple(table.exchanges("asymmetric_friction")) == names
+
+
 def test_the_frame_has_a_row_for_each(problem: Problem) -> None:
     better, worse = scores(0.01), scores(0.02, wild=0.1)
     table = Table(
