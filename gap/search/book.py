@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import covariance, ran_away
-from walkerkit.gap.search.compare import Member, Rare, Table, is_worth_a_name, rare_effects
+from walkerkit.gap.search.compare import Member, Rare, Table, is_worth_a_name
 from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.reduce import members, ordinary
+from walkerkit.gap.search.reduce import Reduction, ordinary
 from walkerkit.gap.search.score import Wildness
 from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes
 from walkerkit.gap.search.structure import Fit, Term, Unit
@@ -46,6 +46,7 @@ class Book:
         self._members: list[Member] = []
         self._table: Table | None = None
         self._among: set[Hashable] | None = None
+        self._alone: list[Fit] = []
 
     @property
     def table(self) -> Table:
@@ -86,15 +87,19 @@ class Book:
         one = objective.at(one, slopes.residual)
         if beside is None:
             self._known = one, slopes
-        found = members(objective, one, slopes, problem.noise)
+        reduction = Reduction(objective, one, slopes, problem.noise)
+        found = reduction.members()
         if beside is None:
             self._left_out(found)
         free = beside is None or smaller or not self._members
-        if (free or self._worth_a_name(found[0])) and _estimated(problem, found[0], slopes):
+        worth = free or self._worth_a_name(found[0])
+        if worth and _estimated(problem, reduction.best(few=True), slopes):
             self._members += found
             self._table = None
             if self._among is not None:
                 self._among |= {member.key for member in found}
+            else:
+                self._forget_what_is_worth_no_name()
         return one
 
     def has(self, one: Fit) -> bool:
@@ -103,7 +108,7 @@ class Book:
 
     def fit_what_is_in_the_running(
         self,
-        fitted: Callable[[Member, Collection[Rare]], Fit],
+        fitted: Callable[[Member], Fit],
         *,
         most: int = _MOST_BY_THEMSELVES,
     ) -> None:
@@ -116,13 +121,13 @@ class Book:
         the same rare effects that lack as much.
 
         Args:
-            fitted: fits a member by itself, as long as it does not come down to rare effects that
-                others have by themselves.
+            fitted: fits a member by itself.
             most: of them that are fitted. If slopes promise more of others still, it is not
                 believed.
         """
-        by_itself: set[Hashable] = set()
-        begun: set[Rare] = set()
+        known = [m for m in self._members if any(m.fit is one for one in self._alone)]
+        by_itself = {m.key for m in known if len(m.kept) == len(m.fit.values)}
+        begun = {m.rare for m in known}
         short = _Shortfalls()
         more: dict[Hashable, float] = {}  # than slopes promised is what some are worth
         others, tried = 0, short.rare  # which grows with what fell short
@@ -141,18 +146,10 @@ class Book:
             if not running or others == _MOST_IN_THE_RUNNING:
                 break
             one = running[0]
-            done = {member.rare for member in table.members if member.key in by_itself} - {one.rare}
             by_itself.add(one.key)
             begun.add(one.rare)
-            alone = fitted(one, done)
-            if rare_effects(alone.structure) in done:
-                self._members = [m for m in self._members if m.key != one.key]
-                self._table = None
-                short.add(one, np.inf)
-                continue
-            itself = self._put(one, alone, by_itself)
+            itself = self._put(one, fitted(one), by_itself)
             by_itself.add(itself.key)
-            begun.add(itself.rare)
             both = Table((*self._members, one))
             far = both.worth_of(one) - both.worth_of(itself)
             short.add(one, far)
@@ -198,15 +195,22 @@ class Book:
         """
         objective = self._problem.fit.objective
         self._problem.fit.refine(one)
+        self._alone.append(one)
         slopes = linearised(objective, one)
-        found = members(objective, one, slopes, self._problem.noise, whole=True)
-        itself = next(other for other in found if len(other.kept) == len(one.values))
+        reduction = Reduction(objective, one, slopes, self._problem.noise)
+        itself = reduction.whole
+        found = [itself, *(other for other in reduction.members() if other.key != itself.key)]
         found = [other for other in found if other is itself or other.key not in known]
         better = {member.key, *(other.key for other in found)}
         kept = [other for other in self._members if other.key not in better]
         self._members = [*kept, *found]
         self._table = None
         return itself
+
+    def came_down(self, member: Member, one: Fit) -> None:
+        """Puts a fit of other rare effects in the place of all that have those of a member."""
+        self._members = [other for other in self._members if other.rare != member.rare]
+        self._put(member, one, ())
 
     def is_enough(self, smaller: Fit, full: Fit) -> bool:
         """Whether what a fit has beside a smaller one is not worth a name."""
@@ -256,15 +260,27 @@ class Book:
             if (1, name) not in self.gains:
                 self.gains[1, name] = float(size - sizes[0])
 
+    def _forget_what_is_worth_no_name(self) -> None:
+        """Forgets structures once others with fewer rare effects leave gaps that are as small."""
+        kept: list[Member] = []
+        counts = [len(member.rare) for member in self._members]
+        for count in sorted({*counts}):
+            best = Table(tuple(kept)).best if kept else None
+            kept += [
+                member
+                for member, its in zip(self._members, counts, strict=True)
+                if its == count and (best is None or is_worth_a_name(best, member, self._joints))
+            ]
+        self._members = [member for member in self._members if member in kept]
+        self._table = None
+
     def _worth_a_name(self, one: Member) -> bool:
         """Whether what the table has with fewer rare effects leaves larger gaps, somewhere.
 
         Once structures were fitted by themselves, only those that lack nothing else count: others
         are rivals, between which the table decides.
         """
-        plain = [
-            m for m in self._members if len(m.fit.structure.rare) < len(one.fit.structure.rare)
-        ]
+        plain = [m for m in self._members if len(m.rare) < len(one.rare)]
         if self._among is not None:
             plain = [m for m in plain if m.effects.keys() <= one.effects.keys()]
         return not plain or is_worth_a_name(Table(tuple(plain)).best, one, self._joints)
@@ -289,12 +305,9 @@ class _Shortfalls:
         self._seen.setdefault(member.rare, []).append((member.units, max(0.0, far)))
 
     def of(self, member: Member) -> float:
-        """How far others with the same rare effects fell short that have all that it has; or 0.
-
-        Infinity where such rare effects were not needed.
-        """
+        """How far others with the same rare effects fell short that have all that it has; or 0."""
         seen = self._seen.get(member.rare, ())
-        return max((far for had, far in seen if far == np.inf or had >= member.units), default=0.0)
+        return max((far for had, far in seen if had >= member.units), default=0.0)
 
 
 def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:

@@ -1,11 +1,12 @@
 """A structure of the table by itself: without what it does not need, or what of it is not known.
 
-fit = only_needed(problem, member)
+fit = as_told(problem, member)
+fit = only_needed(problem, fit)
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +14,12 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.search.book import KnownErrors, stopped_at_a_bound, stopped_since
 from walkerkit.gap.search.certainty import ran_away
-from walkerkit.gap.search.compare import Member, Rare, leaves_smaller_gaps, rare_effects
+from walkerkit.gap.search.compare import Member, leaves_smaller_gaps
 from walkerkit.gap.search.decision import KNOWN, LEAST_GAIN
 from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.reduce import members
+from walkerkit.gap.search.reduce import Reduction
 from walkerkit.gap.search.settle import robustly, settled
 from walkerkit.gap.search.slopes import Slopes, linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, Unit, carried, merged
@@ -29,8 +30,8 @@ _REFITS, _PASSES = 8, 3
 _KEEPS = 0.5  # of what slopes foretell, that has to come of it for them to be believed
 
 
-def only_needed(problem: Problem, member: Member, done: Collection[Rare] = ()) -> Fit:
-    """A member of the table by itself, fitted without what it does not need or cannot know.
+def only_needed(problem: Problem, found: Fit) -> Fit:
+    """A fit without what it does not need or cannot know.
 
     What it needs is read off slopes. Fitted, it may turn out to need even less, unless that leaves
     larger gaps: slopes do not know where the numerical error ends. And what of it is not known to
@@ -39,39 +40,44 @@ def only_needed(problem: Problem, member: Member, done: Collection[Rare] = ()) -
 
     Args:
         problem: what is explained.
-        member: the member.
-        done: rare effects that others have by themselves; a fit that comes down to these is left
-            as it is.
+        found: a member of the table by itself, `as_told`.
     """
     objective, missed = problem.fit.objective, set[Unit]()
-    found = by_itself(problem, member)
-    slopes = linearised(objective, found)
+    problem.fit.refine(found)
+    slopes, most = linearised(objective, found), found.score + LEAST_GAIN
+    fuller: Fit | None = None  # which needs all that it has
     while found.structure.terms:
-        if rare_effects(found.structure) in done:
-            return found
-        unknown, fewer = _not_known(problem, found, slopes)
-        if fewer is not None:
-            values = carried(found.values, found.structure, fewer)
-            if rare_effects(fewer) in done:
-                return replace(found, structure=fewer, values=values)
-            found = _settled(problem, found, fewer, values, slopes)
-            slopes = linearised(objective, found)
-            continue
-        unknown = [unit for unit in unknown if unit not in missed]
-        smaller, *_ = members(objective, found, slopes, problem.noise, without=unknown)
-        if len(smaller.kept) == len(found.values):
-            break
-        fewer_needed = by_itself(problem, smaller, slopes)
-        if not unknown and fewer_needed.score > found.score + LEAST_GAIN:
+        reduction = Reduction(objective, found, slopes, problem.noise)
+        smaller = reduction.best(few=True)
+        if found is not fuller and len(smaller.kept) < len(found.values):
+            fewer = by_itself(problem, smaller, slopes)
+            if fewer.score <= most:
+                found, slopes = fewer, linearised(objective, fewer)
+                continue
             problem.fit.refine(found)
+        fuller = found
+        unknown, without = _not_known(problem, found, slopes, reduction.lost, missed)
+        if without is not None:
+            values = carried(found.values, found.structure, without)
+            fewer = _settled(problem, found, without, values, slopes)
+        elif unknown:
+            fewer = by_itself(problem, reduction.best(unknown), slopes)
+            if stopped_since(found, fewer):
+                missed.update(unknown)
+                problem.fit.refine(found)
+                continue
+        else:
             break
-        if unknown and stopped_since(found, fewer_needed):
-            missed.update(unknown)
-            problem.fit.refine(found)
-            continue
-        found, slopes = fewer_needed, linearised(objective, fewer_needed)
+        most += max(0.0, fewer.score - found.score)
+        found, slopes = fewer, linearised(objective, fewer)
     found, slopes = _without_the_idle(problem, found, slopes)
     return all_estimated(problem, robustly(problem.fit, found, slopes, problem.noise))
+
+
+def as_told(problem: Problem, member: Member) -> Fit:
+    """A member fitted with its own numbers alone, to where wild blocks do not outvote the rest."""
+    found = by_itself(problem, member)
+    return robustly(problem.fit, found, linearised(problem.fit.objective, found), problem.noise)
 
 
 def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit, Slopes]:
@@ -207,12 +213,26 @@ def _of_which_nothing_is_known(
     return gone
 
 
-def _not_known(problem: Problem, one: Fit, slopes: Slopes) -> tuple[list[Unit], Structure | None]:
+def _not_known(
+    problem: Problem,
+    one: Fit,
+    slopes: Slopes,
+    lost: Mapping[Unit, float],
+    missed: Collection[Unit],
+) -> tuple[list[Unit], Structure | None]:
     """What of a fit is not known to be there.
 
+    Args:
+        problem: what is explained.
+        one: the fit.
+        slopes: those at it.
+        lost: by how much the score rises without each of what it has.
+        missed: what has to stay.
+
     Returns:
-        Of the ordinary effects of each place the least known, if it is not known at all; and the
-        structure without a rare one where that is known least, if it is not known there.
+        Of the ordinary effects of each place that are not known the one without which least is
+        lost; and the structure without a rare one where that is known least, if it is not known
+        there.
     """
     structure, errors = one.structure, KnownErrors(problem, one, slopes).of()
     stopped = ran_away(one)
@@ -231,8 +251,9 @@ def _not_known(problem: Problem, one: Fit, slopes: Slopes) -> tuple[list[Unit], 
                 return [], structure.without_term(term)
             return [], structure.replaced(term, replace(term, sites=places))
         for place, known in () if rare else own.items():
-            if known < KNOWN:
-                least[place] = min(least.get(place, (np.inf, "")), (known, term.effect.name))
+            unit = term.effect.name, place
+            if known < KNOWN and unit not in missed:
+                least[place] = min(least.get(place, (np.inf, "")), (lost[unit], unit[0]))
     return [(name, place) for place, (_, name) in least.items()], None
 
 

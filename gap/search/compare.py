@@ -12,7 +12,7 @@ of Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 2018.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -203,21 +203,28 @@ class Table:
             shares.append((back - left) / max(whole, np.finfo(float).tiny))
         return float(np.mean(shares))
 
-    def exchanges(self, effect: str) -> dict[str, Member]:
+    def exchanges(self, effect: str, told: Set[str]) -> dict[str, Member]:
         """What could be in an effect's place.
+
+        Args:
+            effect: its name.
+            told: names of all that is told.
 
         Returns:
             Of the structures that hold `CONFUSION` of the weight those that lack nothing else of
-            the best, by the name of what they have instead, most probable first.
+            what is told, by the name of what they have instead, most probable first. What has yet
+            more instead than another has that for something that is not told.
         """
         order = np.argsort(-self.weights, kind="stable")
         within = int(np.searchsorted(np.cumsum(self.weights[order]), CONFUSION)) + 1
-        best, found = self.best, dict[str, Member]()
-        for k in order[:within]:
-            one = self.members[k]
-            if best.effects.keys() - one.effects.keys() == {effect}:
+        rivals = [self.members[k] for k in order[:within]]
+        rivals = [one for one in rivals if told - one.effects.keys() == {effect}]
+        best, found = self.best.effects.keys(), dict[str, Member]()
+        instead = [one.effects.keys() - best for one in rivals]
+        for one, names in zip(rivals, instead, strict=True):
+            if not any(other and other < names for other in instead):
                 for name in one.effects:  # a set of names has another order in each process
-                    if name not in best.effects:
+                    if name in names:
                         found.setdefault(name, one)
         return found
 

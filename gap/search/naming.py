@@ -22,7 +22,12 @@ from numpy.typing import NDArray
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
-from walkerkit.gap.search.by_itself import leaves_less, only_needed, without_stand_ins
+from walkerkit.gap.search.by_itself import (
+    as_told,
+    leaves_less,
+    only_needed,
+    without_stand_ins,
+)
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
@@ -182,10 +187,10 @@ def name_effects(
     with contextlib.suppress(EnoughError):
         search.rare(rare, begun.plain)
     grown = book.best.fit
-    search.compare()
+    told = search.compare()
     with contextlib.suppress(EnoughError):
-        search.once_more(rare, grown, begun)
-    final = by_usual_names(problem, book.best.fit)
+        told = search.once_more(rare, grown, begun, told)
+    final = by_usual_names(problem, told)
     if not _mends(problem, begun.nothing, final):
         final = begun.nothing
     problem.fit.refine(final)
@@ -231,11 +236,23 @@ class _Search:
                 break
             current, begun = self._grown(effects, self._book.best.fit), ()
 
-    def compare(self) -> None:
-        """Has what may be the best fitted by itself."""
-        self._book.fit_what_is_in_the_running(partial(only_needed, self._problem))
+    def compare(self) -> Fit:
+        """Has what may be the best fitted by itself.
 
-    def once_more(self, effects: Sequence[Effect], grown: Fit, begun: Begun) -> None:
+        Returns:
+            What of the best is told: that without what it does not need.
+        """
+        problem, book = self._problem, self._book
+        while True:
+            book.fit_what_is_in_the_running(partial(as_told, problem))
+            best = book.best
+            told = only_needed(problem, best.fit)
+            names = {term.effect.name for term in told.structure.rare}
+            if names == {name for name, _ in best.rare}:
+                return told
+            book.came_down(best, told)
+
+    def once_more(self, effects: Sequence[Effect], grown: Fit, begun: Begun, told: Fit) -> Fit:
         """Looks for rare effects again, where much or all that was grown is not known to be there.
 
         What is ordinary may follow a rare effect by numbers of which none is known: beside them it
@@ -246,16 +263,16 @@ class _Search:
         known = book.best.fit
         is_known = known.structure.terms and known.score < grown.score + LEAST_GAIN
         if problem.on_feet or is_known:
-            return
+            return told
         found = self._grown(effects, begun.nothing)
         if found is begun.nothing or found is known:
-            return
+            return told
         has = {term.effect.name for term in found.structure.terms}
         more = [t for t in begun.plain.structure.terms if t.effect.name not in has]
         problem.fit.refine(found)
         (both,) = _refitted(problem, found, [extended(found, more).structure])
         self._enter(both)
-        self.compare()
+        return self.compare()
 
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
         """The structure that the table prefers, with as many rare effects as it wants."""
@@ -560,7 +577,7 @@ def _named(problem: Problem, table: Table, term: Term, final: Fit) -> Named:
     return Named(
         term=term,
         confidence=table.confidence({name, *equivalent}) if term.effect.fitted else 1.0,
-        exchanges=table.exchanges(name),
+        exchanges=table.exchanges(name, present),
         equivalent=equivalent,
     )
 

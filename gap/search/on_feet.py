@@ -23,7 +23,7 @@ from walkerkit.gap.search.fit import evaluate, polish, polished
 from walkerkit.gap.search.like_joints import Tied
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.reduce import reduced
+from walkerkit.gap.search.reduce import Reduction
 from walkerkit.gap.search.screen import tries
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import linearised
@@ -102,7 +102,8 @@ def _needed(problem: Problem, everywhere: Fit, progress: Progress | None) -> tup
     )
     there = problem.fit.by_own_error(there)
     slopes = slopes.at_another_error(objective, there)
-    return there, reduced(objective, there, slopes, problem.noise)
+    reduction = Reduction(objective, there, slopes, problem.noise, any_may_go=True)
+    return there, reduction.best(few=True)
 
 
 def _alike(

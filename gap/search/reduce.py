@@ -1,7 +1,9 @@
-"""What of a fit it needs: the rest is dropped, by linear algebra alone.
+"""What of a fit the recordings want: the rest is dropped, by linear algebra alone.
 
-    for member in members(objective, fit, slopes, noise):
-        member.effects        # the fit with what it needs, and with each of that left out
+    reduction = Reduction(objective, fit, slopes, noise)
+    for member in reduction.members():
+        member.effects        # the fit with what they want, and with each of that left out
+    reduction.best(few=True)  # and without what is worth no name
 
 A fit has damping, dry friction, armature, gains and a delay everywhere. Which of these numbers the
 recordings want is read off its slopes: what dropping some costs when the others follow. The most
@@ -32,48 +34,26 @@ FloatArray = NDArray[np.float64]
 _SINGULAR = 1e-12  # of a number's variance, below which what is left of it is none
 
 
-def members(
-    objective: Objective,
-    one: Fit,
-    slopes: Slopes,
-    noise: FloatArray,
-    *,
-    without: Sequence[Unit] = (),
-    whole: bool = False,
-) -> list[Member]:
-    """The most probable structure within a fit, and those without each of its ordinary effects.
+def ordinary(member: Member) -> list[str]:
+    """The ordinary effects that a member has."""
+    return [name for name in member.effects if name in CATALOGUE and CATALOGUE[name].ordinary]
+
+
+class Reduction:
+    """The structures within a fit.
 
     Args:
         objective: the recordings.
         one: the fit, to them.
         slopes: its slopes there.
         noise: (n_scored,) of the measurement.
-        without: what none of them has.
-        whole: also the fit with all that it has.
+        any_may_go: rare effects, too, may be dropped altogether.
+
+    Attributes:
+        units: what may be dropped, to its numbers' indices.
+        lost: by how much the score rises without each of them, once all else has followed.
     """
-    reduction = _Reduction(objective, one, slopes, noise)
-    best = reduction.best(without)
-    found = [best]
-    if whole and len(best.kept) < len(one.values):
-        found.append(reduction.whole)
-    for name in ordinary(best):
-        units = [unit for unit in reduction.units if unit[0] == name or unit in without]
-        if any(unit not in without for unit in units):
-            found.append(reduction.best(units))
-    return found
 
-
-def reduced(objective: Objective, one: Fit, slopes: Slopes, noise: FloatArray) -> Member:
-    """The most probable structure within a fit, of which whatever it does not need is gone."""
-    return _Reduction(objective, one, slopes, noise, any_may_go=True).best([])
-
-
-def ordinary(member: Member) -> list[str]:
-    """The ordinary effects that a member has."""
-    return [name for name in member.effects if name in CATALOGUE and CATALOGUE[name].ordinary]
-
-
-class _Reduction:
     def __init__(
         self,
         objective: Objective,
@@ -106,8 +86,8 @@ class _Reduction:
 
         full = self._score([])
         # What slopes take for nothing, since they know no bounds of the numerical error.
-        alone = {unit: self._score([unit]) - full for unit in self.units}
-        self._alone = {unit: lost if lost > LEAST_GAIN else 0.0 for unit, lost in alone.items()}
+        self.lost = {unit: self._score([unit]) - full for unit in self.units}
+        self._alone = {unit: lost if lost > LEAST_GAIN else 0.0 for unit, lost in self.lost.items()}
 
     def _score(self, dropped: Sequence[Unit]) -> float:
         """The score without some units, with the numerical error within its bounds."""
@@ -118,8 +98,19 @@ class _Reduction:
         """The structure of the fit."""
         return self._member([], self._given)
 
-    def best(self, first: Sequence[Unit]) -> Member:
-        """The most probable structure that lacks some units."""
+    def members(self) -> list[Member]:
+        """The most probable structure, and those without each of its ordinary effects."""
+        best = self.best()
+        each = ([unit for unit in self.units if unit[0] == name] for name in ordinary(best))
+        return [best, *map(self.best, each)]
+
+    def best(self, first: Sequence[Unit] = (), *, few: bool = False) -> Member:
+        """The most probable structure that lacks some units.
+
+        Args:
+            first: what it lacks.
+            few: it also lacks what is worth no name, though it may be more probable with that.
+        """
         dropped, values = list(first), self._without(first)
         best = most = self._member(dropped, values)
         left = [unit for unit in self.units if unit not in dropped]
@@ -134,7 +125,7 @@ class _Reduction:
             member = self._member(dropped, values)
             if self._worth(member) >= self._worth(most):
                 best = most = member
-            elif not is_worth_a_name(member, most, self._joints):
+            elif few and not is_worth_a_name(member, most, self._joints):
                 best = member
         return best
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,7 +52,7 @@ def test_slopes_are_believed_as_far_as_others_of_the_same_rare_effects_kept_to_t
     }
     asked: list[Fit] = []
 
-    def alone(member: Member, done: Collection[Rare]) -> Fit:
+    def alone(member: Member) -> Fit:
         asked.append(member.fit)
         values = right.values.copy()
         values[0] = 0.0  # no friction at all, so that it falls far short
@@ -67,25 +66,35 @@ def test_slopes_are_believed_as_far_as_others_of_the_same_rare_effects_kept_to_t
     assert max(book.table.worth) == came  # what the other promises is forgotten
 
 
-def test_what_comes_down_to_rare_effects_of_another_is_no_member(leg: Problem) -> None:
+def test_what_comes_down_to_other_rare_effects_leaves_the_table(leg: Problem) -> None:
     book = Book(leg)
     both = book.add(rubbed(leg, "knee", "ankle"))
-    single = [book.add(rubbed(leg, joint)) for joint in ("knee", "ankle")]
-    members = by_rare(book)
-    poor, good = sorted(
-        single, key=lambda one: max(map(book.table.worth_of, members[rare_effects(one.structure)]))
-    )
-    asked: list[tuple[Rare, set[Rare]]] = []
+    single = book.add(rubbed(leg, "knee"))
+    of_both, of_single = (rare_effects(one.structure) for one in (both, single))
+    book.fit_what_is_in_the_running(lambda member: member.fit)
+    assert book.best.rare == of_both
+    book.came_down(book.best, single)
+    assert of_both not in by_rare(book)
+    asked: list[Member] = []
 
-    def alone(member: Member, done: Collection[Rare]) -> Fit:
-        asked.append((member.rare, set(done)))
-        return replace(poor)
+    def alone(member: Member) -> Fit:
+        asked.append(member)
+        return member.fit
 
     book.fit_what_is_in_the_running(alone)
-    rare = [rare_effects(one.structure) for one in (both, good, poor)]
-    assert asked == [(rare[0], set()), (rare[1], {rare[2]})]
-    assert book.best.rare == rare[2]
-    assert rare[1] not in by_rare(book)
+    assert book.best.rare == of_single
+    assert not asked  # it is by itself already
+
+
+def test_what_others_with_fewer_rare_effects_do_as_well_leaves_the_table(leg: Problem) -> None:
+    biased = fitted(leg, coulomb_friction=["knee"], torque_bias=["knee", "ankle"])
+    more = fitted(leg, coulomb_friction=["knee"], torque_bias=["knee", "ankle"], payload=["shin"])
+    for order in ((more, biased), (biased, more)):
+        book = Book(leg)
+        book.add(fitted(leg, coulomb_friction=["knee"]))
+        for one in order:
+            book.add(one)
+        assert {rare_effects(biased.structure), frozenset()} == {*by_rare(book)}
 
 
 def test_what_slopes_had_near_the_best_is_fitted_by_itself_though_that_gained(leg: Problem) -> None:
@@ -109,7 +118,7 @@ def test_what_slopes_had_near_the_best_is_fitted_by_itself_though_that_gained(le
     book, asked = begun(part), []
     assert 0 < ahead(book) < 2
 
-    def alone(member: Member, done: Collection[Rare]) -> Fit:
+    def alone(member: Member) -> Fit:
         asked.append(member.rare)
         return itself[member.rare]
 
@@ -126,7 +135,7 @@ def test_what_slopes_promise_is_not_told_if_it_never_came(leg: Problem) -> None:
     values[-2:] *= -1.0  # pushed the other way, so that it falls far short
     (poor,) = evaluate(leg.fit.objective, [(right.structure, values)])
     assert len(by_rare(book)) == 3
-    book.fit_what_is_in_the_running(lambda member, done: poor, most=1)
+    book.fit_what_is_in_the_running(lambda member: poor, most=1)
     assert book.best.fit is poor
     assert max(book.table.worth) == book.table.worth_of(book.best)
     assert by_rare(book).keys() == {rare_effects(poor.structure)}

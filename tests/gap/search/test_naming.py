@@ -21,7 +21,7 @@ from walkerkit.gap.search.compare import Table
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.naming import Explanation, Named, by_usual_names, name_effects
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.reduce import members
+from walkerkit.gap.search.reduce import Reduction
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, extended
@@ -315,7 +315,7 @@ def test_what_by_itself_needs_an_effect_no_more_is_no_rival(problem: Make) -> No
     right = fitted(leg, coulomb_friction=["knee"])
     both = fitted(leg, coulomb_friction=["knee"], torque_bias=["ankle"], armature=["ankle"])
     slopes = linearised(leg.fit.objective, both)
-    (rival, *_) = members(leg.fit.objective, both, slopes, leg.noise)
+    rival = Reduction(leg.fit.objective, both, slopes, leg.noise).best()
     rival = replace(rival, kept=np.arange(2))  # without the armature
     only = Named(
         term=right.structure.terms[0],

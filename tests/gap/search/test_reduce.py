@@ -14,7 +14,7 @@ from walkerkit.gap.search.compare import Member, is_worth_a_name
 from walkerkit.gap.search.decision import LEAST_GAIN, TEMPERATURE
 from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.reduce import members, ordinary, reduced
+from walkerkit.gap.search.reduce import Reduction, ordinary
 from walkerkit.gap.search.score import Scoring, memory_of
 from walkerkit.gap.search.slopes import Slopes, linearised, posterior_equations
 from walkerkit.gap.search.structure import Fit, Unit
@@ -42,7 +42,7 @@ def test_the_others_follow_to_where_slopes_have_the_least_cost(leg: Problem, ful
     slopes = linearised(leg.fit.objective, full)
     normal, _ = posterior_equations(leg.fit.objective, full, slopes)
     away = (full.values - full.structure.zero) / full.structure.scale
-    found = members(leg.fit.objective, full, slopes, leg.noise)
+    found = Reduction(leg.fit.objective, full, slopes, leg.noise).members()
     assert len(found) > 1
     for one in found:
         kept = one.kept
@@ -59,18 +59,12 @@ def test_the_others_follow_to_where_slopes_have_the_least_cost(leg: Problem, ful
 
 def test_what_was_hidden_stays_and_what_was_not_goes(leg: Problem, full: Fit) -> None:
     slopes = linearised(leg.fit.objective, full)
-    one = reduced(leg.fit.objective, full, slopes, leg.noise)
+    reduction = Reduction(leg.fit.objective, full, slopes, leg.noise, any_may_go=True)
+    one = reduction.best(few=True)
     assert one.effects == {"coulomb_friction": ("knee",), "torque_bias": ("knee",)}
     named = {full.structure.slots[k].unit: one.values[k] for k in one.kept}
     assert named["coulomb_friction", "knee"] == pytest.approx(0.3, abs=0.02)
     assert named["torque_bias", "knee"] == pytest.approx(0.5, abs=0.02)
-
-
-def test_without_says_what_no_member_has(leg: Problem, full: Fit) -> None:
-    slopes = linearised(leg.fit.objective, full)
-    gone = ("coulomb_friction", "knee")
-    found = members(leg.fit.objective, full, slopes, leg.noise, without=[gone])
-    assert all(gone not in one.units for one in found)
 
 
 class Dropping:
@@ -132,8 +126,8 @@ class Dropping:
         is_free = self.any_may_go or CATALOGUE[unit[0]].ordinary
         return is_free or any(other not in gone for other in elsewhere)
 
-    def best(self, first: Sequence[Unit]) -> Member:
-        """The cheapest goes again and again; the last that is worth as much, or hardly less."""
+    def best(self, first: Sequence[Unit] = (), *, few: bool = False) -> Member:
+        """The cheapest goes again and again; the last worth as much, or if few, hardly less."""
         here = self.foretold.score(np.zeros_like(self.away))
         alone = {u: self.foretold.score(self.moved([u])) - here for u in self.units}
         usual = [*CATALOGUE]
@@ -157,7 +151,7 @@ class Dropping:
             member = self.member(gone)
             if worth(member) >= worth(most):
                 told = most = member
-            elif not is_worth_a_name(member, most, self.joints):
+            elif few and not is_worth_a_name(member, most, self.joints):
                 told = member
 
 
@@ -179,30 +173,16 @@ def test_the_cheapest_go_as_they_do_where_each_set_is_solved_for_anew(
 ) -> None:
     slopes = linearised(leg.fit.objective, some)
     apart = Dropping(leg, some, slopes, any_may_go)
-    if any_may_go:
-        found = [reduced(leg.fit.objective, some, slopes, leg.noise)]
-        expected = [apart.best([])]
-    else:
-        found = members(leg.fit.objective, some, slopes, leg.noise, whole=True)
-        best = apart.best([])
-        expected = [best, apart.member([])]
-        expected += [
-            apart.best([unit for unit in apart.units if unit[0] == name]) for name in ordinary(best)
-        ]
+    reduction = Reduction(leg.fit.objective, some, slopes, leg.noise, any_may_go=any_may_go)
+    found = [reduction.whole, reduction.best(few=True), *reduction.members()]
+    best = apart.best()
+    expected = [apart.member([]), apart.best(few=True), best]
+    expected += [
+        apart.best([unit for unit in apart.units if unit[0] == name]) for name in ordinary(best)
+    ]
     assert [dict(one.effects) for one in found] == [dict(one.effects) for one in expected]
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one.kept, other.kept)
         scale = some.structure.scale
         np.testing.assert_allclose(one.values / scale, other.values / scale, rtol=1e-4, atol=1e-4)
         np.testing.assert_allclose(one.scores.squares, other.scores.squares, rtol=1e-3)
-
-
-def test_a_whole_fit_that_needs_all_is_told_once(leg: Problem) -> None:
-    needed = fitted(leg, coulomb_friction=["knee"], torque_bias=["knee"])
-    leg.fit.refine(needed)
-    slopes = linearised(leg.fit.objective, needed)
-    found = members(leg.fit.objective, needed, slopes, leg.noise, whole=True)
-    assert [dict(one.effects) for one in found] == [
-        {"coulomb_friction": ("knee",), "torque_bias": ("knee",)},
-        {"torque_bias": ("knee",)},
-    ]
