@@ -167,7 +167,7 @@ def all_estimated(problem: Problem, found: Fit) -> Fit:
     return found
 
 
-def without_stand_ins(problem: Problem, found: Fit) -> Fit:
+def without_stand_ins(problem: Problem, found: Fit, for_the_sake_of: Collection[str] = ()) -> Fit:
     """A fit, roughly, without rare effects that are no estimate in it.
 
     Those of which a number ran into its bound go first: of others it tells nothing.
@@ -175,13 +175,16 @@ def without_stand_ins(problem: Problem, found: Fit) -> Fit:
     Args:
         problem: what is to be explained.
         found: the fit.
+        for_the_sake_of: names of effects for which others are to leave. A fit of which none of
+            these would be left is as good as it is.
     """
     objective = problem.fit.objective
     while terms := found.structure.rare:
         slopes = linearised(objective, found)
         gone = stopped_at_a_bound(found)
         gone = gone or _of_which_nothing_is_known(problem, found, slopes, terms)
-        if not gone:
+        left = {term.effect.name for term in terms if term not in gone}
+        if not gone or (for_the_sake_of and left.isdisjoint(for_the_sake_of)):
             break
         start = _left_out(found, gone)
         (found,) = polished(objective, [start], slopes, iterations=_REFITS)

@@ -12,7 +12,7 @@ in its place. Nothing here looks at recordings that are held out.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -223,6 +223,7 @@ class _Search:
         self._progress = effort.checked(progress)
         self._others: dict[str, tuple[Fit, Fit]] = {}  # of an effect: a fit, and that without it
         self._aside: frozenset[str] = frozenset()  # rare effects that came with the ground
+        self._met: set[Hashable] = set()  # structures beside which all effects were looked at
 
     def rare(self, effects: Sequence[Effect], current: Fit) -> None:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
@@ -232,9 +233,10 @@ class _Search:
         current = self._grown(effects, current)
         for _ in range(_EXCHANGES):
             self._exchange(effects, current, begun)
-            if self._book.best.fit.structure.key == current.structure.key:
+            best = self._book.best.fit
+            if best.structure.key == current.structure.key:
                 break
-            current, begun = self._grown(effects, self._book.best.fit), ()
+            current, begun = self._grown(effects, best), ()
 
     def compare(self) -> Fit:
         """Has what may be the best fitted by itself.
@@ -261,8 +263,11 @@ class _Search:
         """
         problem, book = self._problem, self._book
         known = book.best.fit
-        is_known = known.structure.terms and known.score < grown.score + LEAST_GAIN
-        if problem.on_feet or is_known:
+        others = {t.effect.name for t in known.structure.rare} - {
+            t.effect.name for t in grown.structure.rare
+        }
+        as_good = known.score < grown.score + LEAST_GAIN
+        if problem.on_feet or (known.structure.terms and (others or as_good)):
             return told
         found = self._grown(effects, begun.nothing)
         if found is begun.nothing or found is known:
@@ -272,6 +277,8 @@ class _Search:
         problem.fit.refine(found)
         (both,) = _refitted(problem, found, [extended(found, more).structure])
         self._enter(both)
+        if book.best.fit.structure.key == both.structure.key:
+            self._exchange(effects, book.best.fit, ())
         return self.compare()
 
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
@@ -313,28 +320,34 @@ class _Search:
         return found[1]
 
     def _exchange(self, effects: Sequence[Effect], current: Fit, unmet: Sequence[Term]) -> None:
-        """Each rare effect of a fit, but for its latest, meets what could be in its place.
+        """Each rare effect of a fit meets what could be in its place, where all else is now.
 
-        Some have met none of the others, and meet them all.
+        Where it was added what is ordinary may have bent itself far to follow it, so that others
+        promised nothing there, and may have gone far since. On feet, where a look takes long, an
+        effect meets those that were tried, where all else is fitted without it; or all, if it met
+        none when it was added.
         """
-        book, found = self._book, current.structure.rare
+        problem, book, found = self._problem, self._book, current.structure.rare
         for term in found:
-            if term is found[-1] and term not in unmet:  # it met the others when it was added
-                continue
-            name = term.effect.name
+            name, tamed = term.effect.name, False
+            always = [e.name for e in effects if e.name in term.effect.extends]
+            rivals = [effect for effect in effects if effect is not term.effect]
+            if problem.on_feet and term not in unmet:
+                if term is found[-1]:  # it met the others when it was added
+                    continue
+                tamed = True
+                rivals = [e for e in rivals if e.name in always or book.has_tried(e.name)]
             if not self._effort.allows(f"others in the place of {name}"):
                 continue
-            others = self._without(current, term)
-            if term in unmet and book.is_enough(others, current):
-                continue  # what is worth no name needs no rivals
-            always = [e.name for e in effects if e.name in term.effect.extends]
-            rivals = [
-                effect
-                for effect in effects
-                if effect is not term.effect
-                and (term in unmet or effect.name in always or book.has_tried(effect.name))
-            ]
-            tamed = term not in unmet and not self._problem.on_feet
+            if problem.on_feet:
+                others = self._without(current, term)
+                if term in unmet and book.is_enough(others, current):
+                    continue  # what is worth no name needs no rivals
+            else:
+                others = _left_out(problem, current, term)
+                if others.structure.key in self._met:  # by what it took the place of
+                    continue
+                self._met.add(others.structure.key)
             self._propose(rivals, others, instead_of=current, always=always, tamed=tamed)
 
     def _propose(
@@ -353,6 +366,7 @@ class _Search:
         """
         problem, book = self._problem, self._book
         near, before = book.slopes(current), book.best.fit.structure.rare
+        beside = current if book.has(current) else instead_of
         found = partial(
             proposals,
             effects=effects,
@@ -361,7 +375,7 @@ class _Search:
             aside=self._aside,
         )
         for one in found(problem, current, near, always=always):
-            self._enter(one, current)
+            self._enter(one, beside)
         if not tamed or (problem.on_feet and book.best.fit.structure.rare != before):
             return
         tame = without_the_wild(problem, current)
@@ -372,7 +386,7 @@ class _Search:
         problem.fit.refine(current)
         starts = [(one.structure, one.values) for one in again]
         for one in evaluate(problem.fit.objective, starts):
-            self._enter(one, current)
+            self._enter(one, beside)
 
     def _enter(self, one: Fit, beside: Fit | None = None) -> None:
         """Enters a fit into the book, if need be without rare effects that it does not need.
@@ -389,9 +403,18 @@ class _Search:
         promises = one.score < book.best.fit.score - LEAST_GAIN
         if book.has(one) or (beside is not None and not beside.structure.rare) or not promises:
             return
-        known = without_stand_ins(problem, one)
+        met = {t.effect.name for t in beside.structure.rare} if beside else set()
+        new = {t.effect.name for t in one.structure.rare} - met
+        known = without_stand_ins(problem, one, for_the_sake_of=new)
         if known.structure.rare and known.structure.key != one.structure.key:
             book.add(known, beside=beside)
+
+
+def _left_out(problem: Problem, one: Fit, term: Term) -> Fit:
+    """A fit with one of its terms left out, and all else as it is."""
+    fewer = one.structure.without_term(term)
+    (found,) = evaluate(problem.fit.objective, [(fewer, carried(one.values, one.structure, fewer))])
+    return found
 
 
 def _is_more(one: Fit, current: Fit) -> bool:

@@ -38,6 +38,7 @@ _MORE_THAN_ONE = 0.2  # by which two together promise more than any one, summed 
 _HOPE = 0.5  # of the smallest gain worth a name, which a promise may fall short of
 _UNMOVED = 1e-6  # scales that a number that does nothing may have moved
 _STANDS_IN = 0.5  # of what an effect brings, that what could be in its place has to promise
+_FROM_AFAR = 0.2  # of that, by a straight line from where it is left out
 
 
 def proposals(
@@ -104,7 +105,7 @@ def _started(
     problem.searched.look_at(current.case)
     problem.screen.refine(current)
     screen = problem.screen.objective
-    least = _brought(screen, current, instead_of)
+    least = _FROM_AFAR * _brought(screen, current, instead_of)
     view = look(problem.screen, current, terms, least)
     chosen = _chosen(problem, view, always, least)
     if instead_of is None:
