@@ -2,7 +2,7 @@
 
     python docs/_decision.py $WALKERKIT_DATA/go2_leg
 
-Of the front left leg of a real Go2: what is told, and the best without the torque bias of its hip.
+Of the front left leg of a real Go2: what is told, and the best with a torque bias of its hip.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from walkerkit.gap.search.compare import Table
 from walkerkit.gap.search.decision import TEMPERATURE
 from walkerkit.gap.search.objective import BLOCK
 
-WITHOUT = "torque_bias"
+WITH = "torque_bias"
 CHANNEL = "FL_hip"
 
 
 def picture(table: Table, channel: int) -> str:
-    """The blocks of the best structure and of the best without an effect, as an SVG file.
+    """The blocks of the best structure and of the best with one effect more, as an SVG file.
 
     Args:
         table: the comparison.
         channel: index of the scored channel whose residual is drawn.
     """
     told = table.members.index(table.best)
-    lacks = [WITHOUT not in member.effects for member in table.members]
-    other = int(np.argmax(np.where(lacks, table.worth, -np.inf)))
+    has = [WITH in member.effects for member in table.members]
+    other = int(np.argmax(np.where(has, table.worth, -np.inf)))
     residuals = []
-    for k in (other, told):
+    for k in (told, other):
         scores = table.members[k].scores
         count = np.maximum(scores.count[:, channel], 1)
         residuals.append(1e3 * np.sqrt(scores.squares[:, channel] / count))
-    densities = table.blocks[other], table.blocks[told]
+    densities = table.blocks[told], table.blocks[other]
     time = BLOCK * np.arange(len(densities[0]))
     adds_up = np.cumsum(densities[1] - densities[0])
     panels = [
@@ -50,7 +50,7 @@ def picture(table: Table, channel: int) -> str:
     return drawing(
         f"{CHANNEL} of a Go2, blocks that no fit saw",
         [[Panel(label=label, x=time, lines=lines) for label, lines in panels]],
-        words={"before": "without torque bias", "after": "told", "difference": "told − without"},
+        words={"before": "told", "after": "with torque bias", "difference": "with − told"},
     )
 
 

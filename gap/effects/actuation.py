@@ -180,6 +180,7 @@ class TorqueConstant(JointEffect):
     source = (
         "Kt of a permanent-magnet motor; effort as the drive reports it is current × nominal Kt"
     )
+    resembles = ("payload", "com_offset", "encoder_gain")
     fields = MappingProxyType(
         {"strength": fields.Field(path="actuator/gainprm × (1 + strength)", read=_strength)}
     )

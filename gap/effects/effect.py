@@ -125,6 +125,8 @@ class Effect(abc.ABC):
             the first to be named.
         extends: effects of which this one is a generalisation. It explains at least as much, and
             is worth a thought only where it explains more.
+        resembles: effects that change much the same of how a joint moves. Where this one is named,
+            they are fitted in its place whatever they promise.
         fields: parameter's name to the number of the robot's files that `apply` changes by it.
     """
 
@@ -139,6 +141,7 @@ class Effect(abc.ABC):
     fitted: ClassVar[bool] = True
     ordinary: ClassVar[bool] = False
     extends: ClassVar[tuple[str, ...]] = ()
+    resembles: ClassVar[tuple[str, ...]] = ()
     fields: ClassVar[Mapping[str, Field]] = MappingProxyType({})
 
     def __init_subclass__(cls) -> None:

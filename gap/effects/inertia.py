@@ -90,6 +90,7 @@ class Payload(Effect):
     symptom = "pose and acceleration"
     added_as = "body mass"
     source = "MuJoCo XML reference, body/inertial"
+    resembles = ("com_offset", "torque_constant", "encoder_gain")
     fields = MappingProxyType({"mass": fields.Field(path="inertial/mass", read=_mass)})
     kind = "body"
 
@@ -130,6 +131,7 @@ class ComOffset(Effect):
     symptom = "sin/cos of pose"
     added_as = "inertial pos"
     source = "MuJoCo XML reference, body/inertial/pos"
+    resembles = ("payload", "torque_constant", "encoder_gain")
     fields = MappingProxyType(
         {
             "x": fields.Field(path="inertial/pos", read=partial(_centre, 0)),

@@ -99,6 +99,7 @@ class StrengthDrift(LawEffect):
     equation = "τ (1 − γ t), γ: rate [1/s]; the log shows τ"
     symptom = "grows over minutes"
     source = "falling Kt and rising R(T) of a motor that warms up; MuJoCo XML reference, dcmotor"
+    resembles = ("torque_constant", "payload")
     driven = True
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:

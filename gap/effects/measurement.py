@@ -66,6 +66,7 @@ class EncoderGain(JointEffect):
     symptom = "proportional to q"
     added_as = "actuator biasprm; measurement in actuators.json"
     source = "gear ratio or counts per turn of an incremental encoder, misread"
+    resembles = ("torque_constant", "payload", "com_offset")
     fields = MappingProxyType({"excess": fields.measurement("encoder_gain", of_a_factor=True)})
 
     def acts_on(self, robot: Robot, joint: str) -> bool:

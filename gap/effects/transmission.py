@@ -26,6 +26,7 @@ class ParallelSpring(JointEffect):
     symptom = "pose, independent of speed"
     added_as = "joint stiffness, springref"
     source = "MuJoCo XML reference, joint/stiffness"
+    resembles = ("payload", "com_offset", "torque_constant")
     fields = MappingProxyType(
         {
             "stiffness": fields.joint("stiffness", "jnt_stiffness", "id"),

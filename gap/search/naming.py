@@ -330,7 +330,8 @@ class _Search:
         problem, book, found = self._problem, self._book, current.structure.rare
         for term in found:
             name, tamed = term.effect.name, False
-            always = [e.name for e in effects if e.name in term.effect.extends]
+            alike = term.effect.extends + (() if problem.on_feet else term.effect.resembles)
+            always = [e.name for e in effects if e.name in alike]
             rivals = [effect for effect in effects if effect is not term.effect]
             if problem.on_feet and term not in unmet:
                 if term is found[-1]:  # it met the others when it was added
