@@ -126,7 +126,7 @@ class Book:
                 believed.
         """
         known = [m for m in self._members if any(m.fit is one for one in self._alone)]
-        by_itself = {m.key for m in known if len(m.kept) == len(m.fit.values)}
+        by_itself: set[Hashable] = {m.key for m in known if len(m.kept) == len(m.fit.values)}
         begun = {m.rare for m in known}
         short = _Shortfalls()
         more: dict[Hashable, float] = {}  # than slopes promised is what some are worth

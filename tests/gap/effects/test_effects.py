@@ -15,6 +15,13 @@ def test_every_effect_of_the_catalogue_is_under_contract():
     assert sorted(cases) == sorted(CATALOGUE)
 
 
+@pytest.mark.parametrize("effect", CATALOGUE.values(), ids=CATALOGUE)
+def test_what_an_effect_extends_or_resembles_is_another_of_the_catalogue(effect):
+    others = (*effect.extends, *effect.resembles)
+    assert {*others} <= CATALOGUE.keys() - {effect.name}
+    assert len({*others}) == len(others)
+
+
 def test_catalogue_is_listed_in_the_order_of_its_families():
     names = list(CATALOGUE)
     assert names[:2] == ["viscous_friction", "coulomb_friction"]

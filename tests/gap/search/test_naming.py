@@ -16,8 +16,9 @@ from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.report.named import confusion_set
-from walkerkit.gap.search.by_itself import all_estimated
+from walkerkit.gap.search.by_itself import all_estimated, only_needed
 from walkerkit.gap.search.compare import Table
+from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.naming import Explanation, Named, by_usual_names, name_effects
 from walkerkit.gap.search.problem import Problem
@@ -308,6 +309,26 @@ def test_an_effect_of_which_nothing_is_known_is_not_told(problem: Make) -> None:
     assert [term.effect.name for term in told.structure.terms] == ["coulomb_friction"]
     assert told.values == pytest.approx(0.3, rel=0.05)
     assert all_estimated(leg, told) is told
+
+
+def test_what_is_worth_no_name_is_left_out_of_what_is_told(problem: Make) -> None:
+    leg = problem(hide("coulomb_friction", "knee", frictionloss=0.3))
+    both = ["knee", "ankle"]
+    full = fitted(leg, coulomb_friction=["knee"], viscous_friction=both, armature=both)
+    told = only_needed(leg, full)
+    assert [(t.effect.name, t.places) for t in told.structure.terms] == [
+        ("coulomb_friction", ("knee",))
+    ]
+    assert told.score < full.score + LEAST_GAIN
+
+
+def test_what_resembles_a_named_effect_is_fitted_in_its_place(problem: Make) -> None:
+    leg = problem(HiddenEffect(effect="payload", bodies=("shin",), values={"mass": 0.15}))
+    alike = CATALOGUE["payload"].resembles
+    others = ("parallel_spring", "torque_bias", "encoder_offset", "base_tilt", "strength_drift")
+    explanation = search(leg, "armature", "position_gain", "payload", *alike, *others)
+    assert found(explanation)["payload"] == {"shin": pytest.approx(0.15, rel=0.1)}
+    assert {(2, name) for name in alike} <= explanation.gains.keys()
 
 
 def test_what_by_itself_needs_an_effect_no_more_is_no_rival(problem: Make) -> None:

@@ -175,6 +175,10 @@ def test_the_cheapest_go_as_they_do_where_each_set_is_solved_for_anew(
     apart = Dropping(leg, some, slopes, any_may_go)
     reduction = Reduction(leg.fit.objective, some, slopes, leg.noise, any_may_go=any_may_go)
     found = [reduction.whole, reduction.best(few=True), *reduction.members()]
+    here = apart.foretold.score(np.zeros_like(apart.away))
+    for unit in apart.units:
+        lost = apart.foretold.score(apart.moved([unit])) - here
+        assert reduction.lost[unit] == pytest.approx(lost, rel=1e-3, abs=1e-6)
     best = apart.best()
     expected = [apart.member([]), apart.best(few=True), best]
     expected += [
