@@ -43,7 +43,7 @@ def only_needed(problem: Problem, found: Fit) -> Fit:
         found: a member of the table by itself, `as_told`.
     """
     objective, missed = problem.fit.objective, set[Unit]()
-    problem.fit.refine(found)
+    found = settled(problem.fit, found, passes=_PASSES, iterations=_REFITS)
     slopes, most = linearised(objective, found), found.score + LEAST_GAIN
     fuller: Fit | None = None  # which needs all that it has
     while found.structure.terms:

@@ -166,7 +166,10 @@ def test_a_hidden_effect_is_named_with_its_value(
     (named,) = found.effects
     assert (named.joints, named.bodies) == (hidden.joints, hidden.bodies)
     assert values(named) == pytest.approx(expected, rel=0.1)
-    assert named.confidence > 0.9
+    # With an arm that is a seventh lighter the servo moves almost as with so much more torque.
+    light = hidden.effect == "torque_constant"
+    assert named.indistinguishable_from == (("payload",) if light else ())
+    assert named.confidence > (0.85 if light else 0.9)
     assert found.verdict == "explained"
     assert found.gap.position.after < 0.9 * found.gap.position.before
     assert {of.at_bound for of in named.parameters} == {False}
@@ -295,8 +298,11 @@ def test_what_the_held_out_recording_does_not_show_is_not_missed(servo: Path) ->
     assert told.held_out == (slow.name,)
     few = ["effort_limit", "armature"]
     found = diagnose(servo, [fast, faster, slow], effects=few)
-    assert [named.effect for named in found.effects] == ["effort_limit"]
-    assert values(found.effects[0]) == pytest.approx({"limit": 0.8}, rel=0.02)
+    first, *others = found.effects
+    assert first.effect == "effort_limit"
+    assert values(first) == pytest.approx({"limit": 0.8}, rel=0.02)
+    # What little of the inertia makes up for the coarser steps of a motor that saturates.
+    assert all(abs(values(one)["armature"]) < 0.001 for one in others)
     # Whoever says so is told the same: what is held out takes part in no choice.
     declared = diagnose(servo, [fast, faster, slow], held_out=[slow], effects=few)
     assert (declared.effects, declared.gap) == (found.effects, found.gap)
