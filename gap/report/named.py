@@ -10,7 +10,7 @@ from walkerkit.gap.effects import CATALOGUE, EVERYWHERE
 from walkerkit.gap.report.diagnosis import Considered, NamedEffect, Rival
 from walkerkit.gap.report.estimates import estimates
 from walkerkit.gap.report.replayed import Replayed, gaps_of, gaps_with
-from walkerkit.gap.search.by_itself import as_told, only_needed
+from walkerkit.gap.search.by_itself import fitted_alone, only_needed
 from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.compare import Member
 from walkerkit.gap.search.naming import Explanation, in_its_place
@@ -119,7 +119,7 @@ def rivals(problem: Problem, members: Sequence[Fit]) -> tuple[Rival, ...]:
 def _by_itself(problem: Problem, member: Member) -> Fit:
     """A member's fit, if it has nothing else."""
     alone = len(member.kept) == len(member.fit.values)
-    return member.fit if alone else only_needed(problem, as_told(problem, member))
+    return member.fit if alone else only_needed(problem, fitted_alone(problem, member))
 
 
 def considered(explanation: Explanation) -> tuple[Considered, ...]:

@@ -1,6 +1,6 @@
 """A structure of the table by itself: without what it does not need, or what of it is not known.
 
-fit = as_told(problem, member)
+fit = fitted_alone(problem, member)
 fit = only_needed(problem, fit)
 """
 
@@ -40,7 +40,7 @@ def only_needed(problem: Problem, found: Fit) -> Fit:
 
     Args:
         problem: what is explained.
-        found: a member of the table by itself, `as_told`.
+        found: a member of the table by itself, `fitted_alone`.
     """
     objective, missed = problem.fit.objective, set[Unit]()
     found = settled(problem.fit, found, passes=_PASSES, iterations=_REFITS)
@@ -74,7 +74,7 @@ def only_needed(problem: Problem, found: Fit) -> Fit:
     return all_estimated(problem, robustly(problem.fit, found, slopes, problem.noise))
 
 
-def as_told(problem: Problem, member: Member) -> Fit:
+def fitted_alone(problem: Problem, member: Member) -> Fit:
     """A member fitted with its own numbers alone, to where wild blocks do not outvote the rest."""
     found = by_itself(problem, member)
     return robustly(problem.fit, found, linearised(problem.fit.objective, found), problem.noise)

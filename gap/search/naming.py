@@ -23,7 +23,7 @@ from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.by_itself import (
-    as_told,
+    fitted_alone,
     leaves_less,
     only_needed,
     without_stand_ins,
@@ -246,7 +246,7 @@ class _Search:
         """
         problem, book = self._problem, self._book
         while True:
-            book.fit_what_is_in_the_running(partial(as_told, problem))
+            book.fit_what_is_in_the_running(partial(fitted_alone, problem))
             best = book.best
             told = only_needed(problem, best.fit)
             names = {term.effect.name for term in told.structure.rare}
@@ -329,14 +329,13 @@ class _Search:
         """
         problem, book, found = self._problem, self._book, current.structure.rare
         for term in found:
-            name, tamed = term.effect.name, False
+            name = term.effect.name
             alike = term.effect.extends + (() if problem.on_feet else term.effect.resembles)
             always = [e.name for e in effects if e.name in alike]
             rivals = [effect for effect in effects if effect is not term.effect]
             if problem.on_feet and term not in unmet:
                 if term is found[-1]:  # it met the others when it was added
                     continue
-                tamed = True
                 rivals = [e for e in rivals if e.name in always or book.has_tried(e.name)]
             if not self._effort.allows(f"others in the place of {name}"):
                 continue
@@ -349,7 +348,7 @@ class _Search:
                 if others.structure.key in self._met:  # by what it took the place of
                     continue
                 self._met.add(others.structure.key)
-            self._propose(rivals, others, instead_of=current, always=always, tamed=tamed)
+            self._propose(rivals, others, instead_of=current, always=always, tamed=False)
 
     def _propose(
         self,
