@@ -104,7 +104,7 @@ def load(
     known = next((robot.hold for robot in setup.robots if robot.hold is not None), None)
     problem = setup.problem(hold or known or "zero_order")
     (nothing,) = evaluate(problem.fit.objective, [(problem.nothing, np.zeros(0))])
-    return problem.at_its_best(nothing)
+    return problem.as_told(nothing)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

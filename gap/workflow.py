@@ -269,7 +269,7 @@ def _search(
     """Names effects, mends the robots and puts it all into words."""
     problem, explanation, left_out = _named(setup, chosen, progress, effort, first)
     final = explanation.fit
-    problem = problem.at_its_best(final)
+    problem = problem.as_told(final)
     mended = tuple(
         mend(final.structure.trials(robot, final.values[None])) for robot in problem.robots
     )
@@ -359,7 +359,7 @@ def _measured(setup: Setup) -> Result:
     problem = setup.problem(_known_hold(setup.robots) or "zero_order")
     _check_tells(setup, problem)
     explanation = name_effects(problem, [])
-    problem = problem.at_its_best(explanation.fit)
+    problem = problem.as_told(explanation.fit)
     return summarise(
         problem,
         explanation,

@@ -146,7 +146,7 @@ class Problem:
             recent=known.recent,
         )
 
-    def at_its_best(self, explained: Fit) -> Problem:
+    def as_told(self, explained: Fit) -> Problem:
         """The same as it is told of, read and started as suits a fit better.
 
         Efforts may be read before targets, and restarts may take the velocities of a log that a
