@@ -366,7 +366,9 @@ class _Search:
         """
         problem, book = self._problem, self._book
         near, before = book.slopes(current), book.best.fit.structure.rare
-        beside = current if book.has(current) else instead_of
+        beside = instead_of or current
+        if book.has(current):  # it is a fit, too, and not only what is left without an effect
+            beside = current
         found = partial(
             proposals,
             effects=effects,

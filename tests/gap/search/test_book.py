@@ -73,6 +73,8 @@ def test_what_comes_down_to_other_rare_effects_leaves_the_table(leg: Problem) ->
     of_both, of_single = (rare_effects(one.structure) for one in (both, single))
     book.fit_what_is_in_the_running(lambda member: member.fit)
     assert book.best.rare == of_both
+    keys = [member.key for member in book.table.members if member.fit is book.best.fit]
+    assert len({*keys}) == len(keys)  # a fit that needs all it has is there once
     book.came_down(book.best, single)
     assert of_both not in by_rare(book)
     asked: list[Member] = []

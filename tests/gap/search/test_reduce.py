@@ -67,6 +67,12 @@ def test_what_was_hidden_stays_and_what_was_not_goes(leg: Problem, full: Fit) ->
     assert named["torque_bias", "knee"] == pytest.approx(0.5, abs=0.02)
 
 
+def test_what_is_lacked_at_first_is_in_no_structure(leg: Problem, full: Fit) -> None:
+    gone = ("coulomb_friction", "knee")
+    reduction = Reduction(leg.fit.objective, full, linearised(leg.fit.objective, full), leg.noise)
+    assert all(gone not in reduction.best([gone], few=few).units for few in (False, True))
+
+
 class Dropping:
     """The same by dense algebra, each set of numbers solved for anew."""
 
@@ -190,3 +196,16 @@ def test_the_cheapest_go_as_they_do_where_each_set_is_solved_for_anew(
         scale = some.structure.scale
         np.testing.assert_allclose(one.values / scale, other.values / scale, rtol=1e-4, atol=1e-4)
         np.testing.assert_allclose(one.scores.squares, other.scores.squares, rtol=1e-3)
+
+
+def test_a_whole_fit_that_needs_all_is_its_most_probable_structure(leg: Problem) -> None:
+    needed = fitted(leg, coulomb_friction=["knee"], torque_bias=["knee"])
+    leg.fit.refine(needed)
+    slopes = linearised(leg.fit.objective, needed)
+    reduction = Reduction(leg.fit.objective, needed, slopes, leg.noise)
+    found = reduction.members()
+    assert [dict(one.effects) for one in found] == [
+        {"coulomb_friction": ("knee",), "torque_bias": ("knee",)},
+        {"torque_bias": ("knee",)},
+    ]
+    assert found[0].key == reduction.whole.key
