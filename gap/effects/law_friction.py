@@ -251,7 +251,8 @@ class PreslidingFriction(JointEffect):
                 lower=-own,
                 upper=20 * size,
                 scale=size,
-                starts=(size, size, 4 * size, 4 * size),
+                # The dry friction that is there may bend as it is.
+                starts=(0.0, 0.0, size, size, 4 * size, 4 * size),
             ),
             Parameter(
                 name="bend",
@@ -260,7 +261,7 @@ class PreslidingFriction(JointEffect):
                 lower=0.0,
                 upper=max(excursion.range, 2 * known),
                 scale=little,
-                starts=(little, much, little, much),
+                starts=(little, much) * 3,
                 shape=not own,
             ),
         )

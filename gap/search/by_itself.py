@@ -43,7 +43,7 @@ def only_needed(problem: Problem, found: Fit) -> Fit:
         found: a member of the table by itself, `fitted_alone`.
     """
     objective, missed = problem.fit.objective, set[Unit]()
-    found = settled(problem.fit, found, passes=_PASSES, iterations=_REFITS)
+    problem.fit.refine(found)
     slopes, most = linearised(objective, found), found.score + LEAST_GAIN
     fuller: Fit | None = None  # which needs all that it has
     while found.structure.terms:
@@ -189,6 +189,13 @@ def without_stand_ins(problem: Problem, found: Fit, for_the_sake_of: Collection[
         start = _left_out(found, gone)
         (found,) = polished(objective, [start], slopes, iterations=_REFITS)
     return found
+
+
+def fitted_without(problem: Problem, one: Fit, gone: Collection[Term]) -> Fit:
+    """A fit by itself, as `fitted_alone`, without some of its effects."""
+    start = _left_out(one, gone)
+    found = _settled(problem, one, start.structure, start.values, None)
+    return robustly(problem.fit, found, linearised(problem.fit.objective, found), problem.noise)
 
 
 def _left_out(one: Fit, gone: Collection[Term]) -> Fit:

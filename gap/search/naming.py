@@ -24,6 +24,7 @@ from walkerkit.gap.effects.equivalences import equivalences
 from walkerkit.gap.search.book import Book
 from walkerkit.gap.search.by_itself import (
     fitted_alone,
+    fitted_without,
     leaves_less,
     only_needed,
     without_stand_ins,
@@ -31,12 +32,12 @@ from walkerkit.gap.search.by_itself import (
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
-from walkerkit.gap.search.fit import evaluate, polished
+from walkerkit.gap.search.fit import CONVERGED, evaluate, polished
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.ordinary_effects import ground
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.propose import proposals
-from walkerkit.gap.search.settle import robustly, without_the_wild
+from walkerkit.gap.search.settle import robustly, settled, without_the_wild
 from walkerkit.gap.search.slopes import linearised, normal_equations
 from walkerkit.gap.search.structure import (
     Fit,
@@ -53,7 +54,7 @@ FloatArray = NDArray[np.float64]
 
 MOST_RARE = 4  # at once
 _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its place
-_REFITS = 8  # steps of a fit that begins near its end
+_REFITS, _PASSES = 8, 3  # steps of a fit that begins near its end, and how often it goes on
 _NTH = ("a first", "a second", "a third", "a fourth")
 _LONGEST_WITH_LAWS = 20_000  # steps of a rollout, which come one after the other
 _AS_GOOD = 0.02  # of a score
@@ -236,7 +237,7 @@ class _Search:
             best = self._book.best.fit
             if best.structure.key == current.structure.key:
                 break
-            current, begun = self._grown(effects, best), ()
+            current, begun = self._grown(effects, self._ended(best)), ()
 
     def compare(self) -> Fit:
         """Has what may be the best fitted by itself.
@@ -245,14 +246,19 @@ class _Search:
             What of the best is told: that without what it does not need.
         """
         problem, book = self._problem, self._book
+        leaned: dict[frozenset[str], Fit] = {}
         while True:
             book.fit_what_is_in_the_running(partial(fitted_alone, problem))
             best = book.best
-            told = only_needed(problem, best.fit)
-            names = {term.effect.name for term in told.structure.rare}
-            if names == {name for name, _ in best.rare}:
+            names = _rare_names(best.fit)
+            told = leaned.get(names) or only_needed(problem, best.fit)
+            needed = _rare_names(told)
+            if needed == names:
+                problem.fit.refine(told)
                 return told
-            book.came_down(best, told)
+            leaned[needed] = told
+            gone = [t for t in best.fit.structure.rare if t.effect.name not in needed]
+            book.came_down(best, fitted_without(problem, best.fit, gone))
 
     def once_more(self, effects: Sequence[Effect], grown: Fit, begun: Begun, told: Fit) -> Fit:
         """Looks for rare effects again, where much or all that was grown is not known to be there.
@@ -295,7 +301,7 @@ class _Search:
             if best.structure.key in met or not _is_more(best, current):
                 break
             met.add(best.structure.key)
-            current = _at_needed_places(problem, book, best)
+            current = self._ended(_at_needed_places(problem, book, best))
         return current
 
     def _beside_the_ground(self, current: Fit) -> int:
@@ -390,6 +396,18 @@ class _Search:
         for one in evaluate(problem.fit.objective, starts):
             self._enter(one, beside)
 
+    def _ended(self, one: Fit) -> Fit:
+        """A fit that others are to come on top of, at its end; on feet, as it is.
+
+        It was proposed by slopes and with a numerical error of another fit, and may have far to go:
+        what it lacks there others would seem to bring.
+        """
+        problem, book = self._problem, self._book
+        if problem.on_feet or not one.structure.rare:
+            return one
+        found = settled(problem.fit, one, passes=_PASSES, iterations=_REFITS)
+        return book.add(found) if found.score < one.score - CONVERGED else one
+
     def _enter(self, one: Fit, beside: Fit | None = None) -> None:
         """Enters a fit into the book, if need be without rare effects that it does not need.
 
@@ -410,6 +428,10 @@ class _Search:
         known = without_stand_ins(problem, one, for_the_sake_of=new)
         if known.structure.rare and known.structure.key != one.structure.key:
             book.add(known, beside=beside)
+
+
+def _rare_names(one: Fit) -> frozenset[str]:
+    return frozenset(term.effect.name for term in one.structure.rare)
 
 
 def _left_out(problem: Problem, one: Fit, term: Term) -> Fit:
