@@ -20,13 +20,12 @@ from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import Reduction
-from walkerkit.gap.search.settle import robustly, settled
+from walkerkit.gap.search.settle import PASSES, REFITS, robustly, settled
 from walkerkit.gap.search.slopes import Slopes, linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, Unit, carried, merged
 
 FloatArray = NDArray[np.float64]
 
-_REFITS, _PASSES = 8, 3
 _KEEPS = 0.5  # of what slopes foretell, that has to come of it for them to be believed
 
 
@@ -108,7 +107,7 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
         ]
         for unit, start in sorted(astray, key=lambda one: one[1].score):
             tried.add(unit)
-            without = settled(problem.fit, start, passes=_PASSES, iterations=_REFITS)
+            without = settled(problem.fit, start, passes=PASSES, iterations=REFITS)
             its = linearised(objective, without)
             if not leaves_less(problem, its.residual, whole):
                 found, slopes = without, its
@@ -187,7 +186,7 @@ def without_stand_ins(problem: Problem, found: Fit, for_the_sake_of: Collection[
         if not gone or (for_the_sake_of and left.isdisjoint(for_the_sake_of)):
             break
         start = _left_out(found, gone)
-        (found,) = polished(objective, [start], slopes, iterations=_REFITS)
+        (found,) = polished(objective, [start], slopes, iterations=REFITS)
     return found
 
 
@@ -278,7 +277,7 @@ def _settled(
     problem: Problem, source: Fit, structure: Structure, values: FloatArray, near: Slopes | None
 ) -> Fit:
     start = replace(source, structure=structure, values=np.clip(values, *structure.bounds))
-    return settled(problem.fit, start, near, passes=_PASSES, iterations=_REFITS)
+    return settled(problem.fit, start, near, passes=PASSES, iterations=REFITS)
 
 
 def _of_kept(member: Member) -> Structure:

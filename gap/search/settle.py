@@ -28,6 +28,7 @@ from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
 
+REFITS, PASSES = 8, 3  # steps of a fit that begins near its end, and how often it goes on
 _WEIGHINGS, _REWEIGHED = 4, 3  # of blocks by how wild they are, and steps of a fit with each
 _HELD_BY_FEW = 0.5  # of the squares of a channel, that blocks hold which are trusted little
 
