@@ -144,9 +144,10 @@ def _out(one: Fit, unit: Unit) -> FloatArray:
 
 
 def all_estimated(problem: Problem, found: Fit) -> Fit:
-    """A fit without effects of which no number is known, unless others run into bounds without.
+    """A fit without effects that are no estimate in it, unless others run into bounds without.
 
-    What was known where wild blocks counted as the rest may be less so where they do not.
+    What was known, and within its bounds, where wild blocks counted as the rest may be so no more
+    where they do not.
 
     Args:
         problem: what is to be explained.
@@ -154,7 +155,8 @@ def all_estimated(problem: Problem, found: Fit) -> Fit:
     """
     while terms := found.structure.terms:
         slopes = linearised(problem.fit.objective, found)
-        gone = _of_which_nothing_is_known(problem, found, slopes, terms)
+        gone = stopped_at_a_bound(found)
+        gone = gone or _of_which_nothing_is_known(problem, found, slopes, terms)
         if not gone:
             break
         start = _left_out(found, gone)

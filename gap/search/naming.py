@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.effects.equivalences import equivalences
-from walkerkit.gap.search.book import Book
+from walkerkit.gap.search.book import Book, stopped_since
 from walkerkit.gap.search.by_itself import leaves_less, without_stand_ins
 from walkerkit.gap.search.compare import Member, Table
 from walkerkit.gap.search.decision import LEAST_GAIN
@@ -339,7 +339,8 @@ def _over_whole(problem: Problem, current: Fit) -> Fit | None:
         evaluate(problem.fit.objective, [(one.structure, one.values)])[0]
         for one in (current, found)
     )
-    return found if after.score < before.score + _AS_GOOD else None
+    misleads = after.score >= before.score + _AS_GOOD or stopped_since(current, found)
+    return None if misleads else found
 
 
 def _takes_long(problem: Problem, current: Fit) -> bool:

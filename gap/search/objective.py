@@ -32,6 +32,8 @@ from walkerkit.gap.simulation.replay import Channel, Replay, predict_together
 from walkerkit.gap.simulation.trials import Trials
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Segments = tuple[tuple[int, ...], ...]  # of each replay
 _Float = TypeVar("_Float", np.float32, np.float64)
 
 _MEMORY = 2**28  # bytes of residuals held at once, unless one case alone takes more
@@ -111,6 +113,7 @@ class Objective:
         self._finer: Mapping[Way, Objective] = {}
         self.root: FloatArray | None = None  # (rows, n_scored) of how much each counts
         self._coarse = False
+        self._some: dict[Segments, tuple[Objective, BoolArray]] = {}  # the latest
         self._level: tuple[NumericalError, FloatArray] | None = None
 
     def apart(self) -> Objective:
@@ -172,9 +175,11 @@ class Objective:
     def _still_as(self, case: Case, own: FloatArray, finer: Objective) -> KnownError | None:
         """The known numerical error that a few segments show to be that at other values, too."""
         others = [known for known in self._refined if known.error.ways]
-        if not others or finer.few is None or not np.isfinite(own).all():
+        if not others or not np.isfinite(own).all():
             return None
-        few, rows = finer.few
+        few, rows = finer._of_segments(self._telling([known.of_half for known in others], own))
+        if rows.all():
+            return None
         there = few.simulated([case])[0][0]
         if not np.isfinite(there).all():
             return None
@@ -187,22 +192,42 @@ class Objective:
         least = int(np.argmin(largest))
         return others[least] if largest[least] <= _NO_MATTER**2 else None
 
-    @cached_property
-    def few(self) -> tuple[Objective, NDArray[np.bool_]] | None:
-        """A few of the segments, and (rows,) which rows are theirs; None where there is one."""
-        parts, masks = [], []
+    def _telling(
+        self, errors: Sequence[FloatArray], own: FloatArray
+    ) -> tuple[tuple[int, ...], ...]:
+        """Of each replay segments that lie apart, and as many where known errors are largest.
+
+        Where one has its error in a few, as of a motor that seldom saturates, these tell most.
+
+        Args:
+            errors: (rows, n_scored) each.
+            own: (rows, n_scored) the residual beside which they are large.
+        """
+        gap = self.mean_square(own) + self.floor**2
+        size = np.max([np.sum(one**2 / gap, axis=1) for one in errors], axis=0)
+        chosen, first = [], 0
         for replay in self.replays:
+            its = replay.segment_of_row
             count = len(replay.segments)
-            which = np.zeros(count, dtype=bool)
-            which[min(_EVERY, count) // 2 :: _EVERY] = True
-            parts.append(replay.of_segments(np.flatnonzero(which)))
-            masks.append(which[replay.segment_of_row])
-        if all(mask.all() for mask in masks):
-            return None
-        part = Objective(
-            parts, self.channels, self.floor, n_threads=self.n_threads, jumps=self.jumps
-        )
-        return part, np.concatenate(masks)
+            apart = range(min(_EVERY, count) // 2, count, _EVERY)
+            each = np.bincount(its, weights=size[first : first + len(its)], minlength=count)
+            largest = np.argsort(-each, kind="stable")[: len(apart)]
+            chosen.append(tuple(sorted({*apart, *largest.tolist()})))
+            first += len(its)
+        return tuple(chosen)
+
+    def _of_segments(self, which: Segments) -> tuple[Objective, BoolArray]:
+        """Some segments of each replay, as simulated, and (rows,) which rows are theirs."""
+        if which not in self._some:
+            parts = [r.of_segments(its) for r, its in zip(self.replays, which, strict=True)]
+            part = Objective(
+                parts, self.channels, self.floor, n_threads=self.n_threads, jumps=self.jumps
+            )
+            masks = [
+                np.isin(r.segment_of_row, its) for r, its in zip(self.replays, which, strict=True)
+            ]
+            self._some = {which: (part, np.concatenate(masks))}
+        return self._some[which]
 
     def _started(self, case: Case) -> Case | None:
         """A row of values from starts that are off by what the measurement leaves open."""
