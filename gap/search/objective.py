@@ -177,7 +177,7 @@ class Objective:
         others = [known for known in self._refined if known.error.ways]
         if not others or not np.isfinite(own).all():
             return None
-        few, rows = finer._of_segments(self._telling([known.of_half for known in others], own))
+        few, rows = finer.of_segments(self.telling([known.of_half for known in others], own))
         if rows.all():
             return None
         there = few.simulated([case])[0][0]
@@ -192,9 +192,7 @@ class Objective:
         least = int(np.argmin(largest))
         return others[least] if largest[least] <= _NO_MATTER**2 else None
 
-    def _telling(
-        self, errors: Sequence[FloatArray], own: FloatArray
-    ) -> tuple[tuple[int, ...], ...]:
+    def telling(self, errors: Sequence[FloatArray], own: FloatArray) -> Segments:
         """Of each replay segments that lie apart, and as many where known errors are largest.
 
         Where one has its error in a few, as of a motor that seldom saturates, these tell most.
@@ -216,7 +214,7 @@ class Objective:
             first += len(its)
         return tuple(chosen)
 
-    def _of_segments(self, which: Segments) -> tuple[Objective, BoolArray]:
+    def of_segments(self, which: Segments) -> tuple[Objective, BoolArray]:
         """Some segments of each replay, as simulated, and (rows,) which rows are theirs."""
         if which not in self._some:
             parts = [r.of_segments(its) for r, its in zip(self.replays, which, strict=True)]

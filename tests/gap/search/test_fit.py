@@ -375,13 +375,34 @@ class TestObjective:
         assert not found_at(0.2, 0.01, **damped, armature=["hip"])
         assert found_at(2.0, **damped)  # where hardly any gap is left
         case = Case(structure=structure([robot], **damped), values=np.array([[1.9]]))
-        few, rows = finer["half"].few
+        known = error_at(1.9, **damped)[0]
+        few, rows = finer["half"].of_segments(one.telling([known], known))
         assert 0 < rows.sum() < 0.3 * len(rows)
         gap = np.sqrt(one.mean_square(one.simulated([case])[0][0]))
         again = found_at(1.9, **damped)
         moved = np.sqrt(one.mean_square(one.numerical.changes - error_at(1.9, **damped)))
         assert again or (moved < 0.05 * gap).all()
-        assert few.steps < 0.3 * one.steps
+        assert few.steps < 0.6 * one.steps
+
+    def test_a_numerical_error_that_few_stretches_have_is_looked_at_there(self):
+        robot = pendulum()
+        still = stretches(run(robot, amplitude=0.001, dof_damping=2.1), 0.25)
+        far = stretches(run(robot, amplitude=1.5, dof_damping=2.1), 0.25)[-1]
+        parts = [*still[:2], far, *still[3:]]  # of which every eighth would be the fifth
+
+        def compared(robot) -> Objective:
+            return Objective([Replay(robot, parts, [POSITION])], [POSITION], np.array([1e-4]))
+
+        one, finer = compared(robot), {"half": compared(robot.refined(2))}
+        tried = structure([robot], viscous_friction=["hip"])
+        own = Case(structure=tried, values=np.zeros((1, 1)))
+        one.refine(finer, own)
+        (error,) = one.numerical.changes
+        (chosen,) = one.telling([error], one.simulated([own])[0][0])
+        assert chosen == (2, 4)
+        before = one.numerical
+        one.refine(finer, Case(structure=tried, values=np.array([[2.0]])))
+        assert one.numerical is not before
 
     def test_how_the_solver_rounds_off_dry_friction_is_no_gap(self):
         # The machine sticks; the model creeps, as MuJoCo's friction does unless it is told not to.
