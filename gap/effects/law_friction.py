@@ -251,8 +251,8 @@ class PreslidingFriction(JointEffect):
                 lower=-own,
                 upper=20 * size,
                 scale=size,
-                # The dry friction that is there may bend as it is.
-                starts=(0.0, 0.0, size, size, 4 * size, 4 * size),
+                # The dry friction that is there may bend as it is; where there is none nothing bends.
+                starts=(0.01 * size, 0.01 * size, size, size, 4 * size, 4 * size),
             ),
             Parameter(
                 name="bend",
