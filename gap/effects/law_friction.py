@@ -251,7 +251,7 @@ class PreslidingFriction(JointEffect):
                 lower=-own,
                 upper=20 * size,
                 scale=size,
-                # The dry friction that is there may bend as it is; where there is none nothing bends.
+                # The dry friction that is there may bend as it is; of none, nothing bends.
                 starts=(0.01 * size, 0.01 * size, size, size, 4 * size, 4 * size),
             ),
             Parameter(
