@@ -157,8 +157,9 @@ def spring_damping(starts: int) -> Parameter:
         name="damping_ratio",
         unit="1",
         zero=0.1,
-        lower=0.005,
+        lower=0.005,  # below which a simulation's own damping is more
         upper=1.0,
+        end=0.005,
         scale=0.05,
         starts=(0.1,) * starts,
         shape=True,
