@@ -2,7 +2,7 @@
 
     python docs/_decision.py $WALKERKIT_DATA/go2_leg
 
-Of the front left leg of a real Go2: what is told, and the best with a torque bias of its hip.
+Of the front left leg of a real Go2: what is told, and the best with an encoder of its hip that errs with the angle.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from walkerkit.gap.search.compare import Table
 from walkerkit.gap.search.decision import TEMPERATURE
 from walkerkit.gap.search.objective import BLOCK
 
-WITH = "torque_bias"
+WITH = "kinematic_error"
 CHANNEL = "FL_hip"
 
 
@@ -50,7 +50,7 @@ def picture(table: Table, channel: int) -> str:
     return drawing(
         f"{CHANNEL} of a Go2, blocks that no fit saw",
         [[Panel(label=label, x=time, lines=lines) for label, lines in panels]],
-        words={"before": "told", "after": "with torque bias", "difference": "with − told"},
+        words={"before": "told", "after": "with kinematic error", "difference": "with − told"},
     )
 
 

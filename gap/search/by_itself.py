@@ -75,7 +75,16 @@ def only_needed(problem: Problem, found: Fit) -> Fit:
 
 def fitted_alone(problem: Problem, member: Member) -> Fit:
     """A member fitted with its own numbers alone, to where wild blocks do not outvote the rest."""
-    found = by_itself(problem, member)
+    return _robust(problem, by_itself(problem, member))
+
+
+def fitted_without(problem: Problem, one: Fit, gone: Collection[Term]) -> Fit:
+    """A fit without some of its effects, as `fitted_alone`."""
+    start = _left_out(one, gone)
+    return _robust(problem, _settled(problem, one, start.structure, start.values, None))
+
+
+def _robust(problem: Problem, found: Fit) -> Fit:
     return robustly(problem.fit, found, linearised(problem.fit.objective, found), problem.noise)
 
 
@@ -190,13 +199,6 @@ def without_stand_ins(problem: Problem, found: Fit, for_the_sake_of: Collection[
         start = _left_out(found, gone)
         (found,) = polished(objective, [start], slopes, iterations=REFITS)
     return found
-
-
-def fitted_without(problem: Problem, one: Fit, gone: Collection[Term]) -> Fit:
-    """A fit by itself, as `fitted_alone`, without some of its effects."""
-    start = _left_out(one, gone)
-    found = _settled(problem, one, start.structure, start.values, None)
-    return robustly(problem.fit, found, linearised(problem.fit.objective, found), problem.noise)
 
 
 def _left_out(one: Fit, gone: Collection[Term]) -> Fit:
