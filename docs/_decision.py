@@ -2,7 +2,8 @@
 
     python docs/_decision.py $WALKERKIT_DATA/go2_leg
 
-Of the front left leg of a real Go2: what is told, and the best with an encoder of its hip that errs with the angle.
+Of the front left leg of a real Go2: what is told, and the best whose hip has an encoder that errs
+with the angle.
 """
 
 from __future__ import annotations
