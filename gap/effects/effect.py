@@ -55,8 +55,8 @@ class Parameter:
         unit: SI unit, `rad` and `N·m` for a hinge.
         zero: the value at which the robot is unchanged.
         lower, upper: bounds of the fit; a value at one of them is not an estimate.
-        end: one of these that is the simulation's own, past which nothing changes, so that a value
-            there is an estimate; else None.
+        end: one of these that is the simulation's own, past which it shows no change, so that a
+            value there is an estimate; else None.
         scale: a typical size; the fit works in units of it.
         starts: magnitudes at which the effect is tried before fitting. Several, since a small step
             says nothing about limits and dead zones.

@@ -175,7 +175,7 @@ class EndStop(JointEffect):
                 zero=_DAMPING_RATIO,
                 lower=0.02,
                 upper=2.0,
-                end=0.02,  # a stop that hardly damps
+                end=0.02,  # below which a simulation's own damping is more
                 scale=0.1,
                 starts=(_DAMPING_RATIO,) * 4,
                 shape=not limited,

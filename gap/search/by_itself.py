@@ -164,8 +164,7 @@ def all_estimated(problem: Problem, found: Fit) -> Fit:
     """
     while terms := found.structure.terms:
         slopes = linearised(problem.fit.objective, found)
-        gone = stopped_at_a_bound(found)
-        gone = gone or _of_which_nothing_is_known(problem, found, slopes, terms)
+        gone = _no_estimates(problem, found, slopes, terms)
         if not gone:
             break
         start = _left_out(found, gone)
@@ -191,8 +190,7 @@ def without_stand_ins(problem: Problem, found: Fit, for_the_sake_of: Collection[
     objective = problem.fit.objective
     while terms := found.structure.rare:
         slopes = linearised(objective, found)
-        gone = stopped_at_a_bound(found)
-        gone = gone or _of_which_nothing_is_known(problem, found, slopes, terms)
+        gone = _no_estimates(problem, found, slopes, terms)
         left = {term.effect.name for term in terms if term not in gone}
         if not gone or (for_the_sake_of and left.isdisjoint(for_the_sake_of)):
             break
@@ -206,6 +204,11 @@ def _left_out(one: Fit, gone: Collection[Term]) -> Fit:
     kept = tuple(term for term in one.structure.terms if term not in gone)
     fewer = replace(one.structure, terms=kept)
     return replace(one, structure=fewer, values=carried(one.values, one.structure, fewer))
+
+
+def _no_estimates(problem: Problem, one: Fit, slopes: Slopes, terms: Sequence[Term]) -> list[Term]:
+    """Effects of a fit that ran into a bound, or if none did those of which nothing is known."""
+    return stopped_at_a_bound(one) or _of_which_nothing_is_known(problem, one, slopes, terms)
 
 
 def _of_which_nothing_is_known(

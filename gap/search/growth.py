@@ -58,7 +58,7 @@ class Search:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
         current = self._worth_their_names(current)
         begun = current.structure.rare  # of a floating base, which no other met
-        self._aside = frozenset(term.effect.name for term in begun)
+        self._aside = _rare_names(current)
         current = self._grown(effects, current)
         for _ in range(_EXCHANGES):
             self._exchange(effects, current, begun)
@@ -99,9 +99,7 @@ class Search:
         """
         problem, book = self._problem, self._book
         known = book.best.fit
-        others = {t.effect.name for t in known.structure.rare} - {
-            t.effect.name for t in grown.structure.rare
-        }
+        others = _rare_names(known) - _rare_names(grown)
         as_good = known.score < grown.score + LEAST_GAIN
         if problem.on_feet or (known.structure.terms and (others or as_good)):
             return told
@@ -111,7 +109,7 @@ class Search:
         has = {term.effect.name for term in found.structure.terms}
         more = [t for t in plain.structure.terms if t.effect.name not in has]
         problem.fit.refine(found)
-        (both,) = refitted(problem, found, [extended(found, more).structure])
+        both = refitted(problem, found, extended(found, more).structure)
         self._enter(both)
         if book.best.fit.structure.key == both.structure.key:
             self._exchange(effects, book.best.fit, ())
@@ -150,8 +148,7 @@ class Search:
         """A fit without one of its terms, in the book; found once while the fit is the same."""
         found = self._others.get(term.effect.name)
         if found is None or found[0] is not current:
-            fewer = current.structure.without_term(term)
-            (others,) = refitted(self._problem, current, [fewer])
+            others = refitted(self._problem, current, current.structure.without_term(term))
             found = self._others[term.effect.name] = current, self._book.add(others)
         return found[1]
 
@@ -253,8 +250,7 @@ class Search:
         promises = one.score < book.best.fit.score - LEAST_GAIN
         if book.has(one) or (beside is not None and not beside.structure.rare) or not promises:
             return
-        met = {t.effect.name for t in beside.structure.rare} if beside else set()
-        new = {t.effect.name for t in one.structure.rare} - met
+        new = _rare_names(one) - (_rare_names(beside) if beside else frozenset())
         known = without_stand_ins(problem, one, for_the_sake_of=new)
         if known.structure.rare and known.structure.key != one.structure.key:
             book.add(known, beside=beside)
@@ -273,8 +269,8 @@ def _left_out(problem: Problem, one: Fit, term: Term) -> Fit:
 
 def _is_more(one: Fit, current: Fit) -> bool:
     """Whether a fit has more rare effects than another, or others."""
-    its, known = ({t.effect.name for t in each.structure.rare} for each in (one, current))
-    return len(one.structure.rare) > len(current.structure.rare) or not its <= known
+    more = len(one.structure.rare) > len(current.structure.rare)
+    return more or not _rare_names(one) <= _rare_names(current)
 
 
 def _at_needed_places(problem: Problem, book: Book, full: Fit) -> Fit:
@@ -318,12 +314,13 @@ def _changes(problem: Problem, book: Book, one: Fit) -> dict[str, float]:
 def _at(problem: Problem, book: Book, full: Fit, term: Term, places: Sequence[str]) -> Fit:
     """A fit with one of its terms at fewer places, in the book."""
     fewer = replace(term, sites=tuple(site for site in term.sites if site in places))
-    (smaller,) = refitted(problem, full, [full.structure.replaced(term, fewer)])
+    smaller = refitted(problem, full, full.structure.replaced(term, fewer))
     return book.add(smaller, beside=full, smaller=True)
 
 
-def refitted(problem: Problem, source: Fit, structures: Sequence[Structure]) -> list[Fit]:
-    """Other structures, fitted from the values that they have in common with a fit."""
+def refitted(problem: Problem, source: Fit, structure: Structure) -> Fit:
+    """Another structure, fitted from the values that it has in common with a fit."""
     objective = problem.fit.objective
-    starts = [(s, carried(source.values, source.structure, s)) for s in structures]
-    return polished(objective, evaluate(objective, starts), iterations=REFITS)
+    start = structure, carried(source.values, source.structure, structure)
+    (found,) = polished(objective, evaluate(objective, [start]), iterations=REFITS)
+    return found

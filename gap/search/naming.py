@@ -281,7 +281,7 @@ def by_usual_names(problem: Problem, final: Fit) -> Fit:
             for one in there:
                 structure = structure.without_term(one)
             wanted = replace(other, sites=tuple(site for site in other.sites if site in sites))
-            (told,) = refitted(problem, final, [structure.with_term(wanted)])
+            told = refitted(problem, final, structure.with_term(wanted))
             as_good = told.score < final.score + LEAST_GAIN
             if as_good and not stopped_since(final, told):
                 return by_usual_names(problem, told)

@@ -177,9 +177,11 @@ class Objective:
         others = [known for known in self._refined if known.error.ways]
         if not others or not np.isfinite(own).all():
             return None
-        few, rows = finer.of_segments(self.telling([known.of_half for known in others], own))
-        if rows.all():
+        halves = [known.of_half for known in others]
+        which = self.telling(halves, own)
+        if all(len(k) == len(r.segments) for k, r in zip(which, self.replays, strict=True)):
             return None
+        few, rows = finer.of_segments(which)
         there = few.simulated([case])[0][0]
         if not np.isfinite(there).all():
             return None
@@ -187,7 +189,7 @@ class Objective:
         # Block by block, of which few wild ones hold most of a gap, and of its numerical error.
         counts = np.maximum(few.block_counts(), 1)
         gap = few.block_squares(own[rows]) / counts + self.floor**2
-        moved = [few.block_squares(change - known.of_half[rows]) / counts / gap for known in others]
+        moved = [few.block_squares(change - half[rows]) / counts / gap for half in halves]
         largest = [float(one.mean(axis=0).max()) for one in moved]
         least = int(np.argmin(largest))
         return others[least] if largest[least] <= _NO_MATTER**2 else None
