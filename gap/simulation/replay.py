@@ -277,7 +277,7 @@ class Replay:
             laws = Laws(self.robot.model, joints, fields, trials, len(group.segments), drives)
         before = group.memory + (0 if laws is None else group.controlled)
         ctrl = delayed(group.ctrl, group.past - before, before + timing.steps, late / step)
-        clock, ahead = (group.elapsed - timing.lead).reshape(-1), None
+        clock, ahead = (group.clock - timing.lead).reshape(-1), None
         if laws is not None and laws.of_targets:
             flat = ctrl.reshape(n_sims, before + timing.steps, -1)
             flat, ahead = yield Commanded(laws=laws, ctrl=flat, time=clock - step * before)

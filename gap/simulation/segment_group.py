@@ -47,6 +47,7 @@ class Group:
         segment: (n_rows,) which segment each is of.
         durations: (n_segments,) [s].
         elapsed: (n_segments,) from the log's beginning, when its clock was right [s].
+        clock: (n_segments,) the same in whole steps, as between targets that change with steps [s].
         steps: of the simulation, from a segment's start on.
         memory: steps of past commands that the model's delays remember.
         controlled: steps of them that controllers see besides.
@@ -76,6 +77,7 @@ class Group:
         self.elapsed = np.array(
             [segment.start - float(segment.recording.whole.time[0]) for segment in segments]
         )
+        self.clock = step * np.round(self.elapsed / step)
         self.steps = int(np.ceil(self.durations.max() / step - 1e-6)) + 1
         self.memory = memory(robot.model)
         self.controlled = int(np.ceil(_CONTROLLED / step))

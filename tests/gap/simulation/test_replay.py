@@ -7,10 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.recordings.segments import cut, whole, windows
+from walkerkit.gap.recordings.segments import cut, stretches, whole, windows
 from walkerkit.gap.recordings.state import MeasuredState
+from walkerkit.gap.search.structure import Structure, candidate_terms
 from walkerkit.gap.simulation.commands import between_samples, driven_by_effort, routes
 from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.simulation.replay import Channel, Replay
@@ -636,6 +638,18 @@ class TestCommands:
         since = at >= time[0]
         np.testing.assert_array_equal(following[since], held(earlier, column, at[since], 1e-3))
         assert (following[~since] == recording.columns[column][0]).all()
+
+    def test_targets_are_taken_up_in_the_middle_of_a_log_as_from_its_beginning(self):
+        # The stamp that a stretch starts with lies beside a step, as do those of its targets.
+        instants = 2 * STEP * np.arange(750)
+        beside = 0.1 * STEP * np.random.default_rng(0).uniform(-1, 1, len(instants))
+        robot, predicted = arm(), []
+        (term,) = candidate_terms([CATALOGUE["sample_and_hold"]], [robot], JOINTS)
+        slow = Structure((term,), (robot,)).trials(robot, np.array([[8 * STEP]]))
+        for stamps in (instants, instants + beside):
+            parts = stretches(replace(log(instants), time=stamps), 0.5)
+            predicted.append(Replay(robot, parts, CHANNELS).predict(slow)[0, :, :2])
+        np.testing.assert_allclose(*predicted, atol=5e-3)  # as far as the start states differ
 
     def test_a_sample_at_a_steps_own_instant_counts_whatever_the_rounding(self):
         recording = log(0.1 * np.arange(8))
