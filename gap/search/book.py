@@ -319,7 +319,8 @@ def _estimated(problem: Problem, member: Member, slopes: Slopes) -> bool:
     if stopped_at_a_bound(one):
         return False
     columns = [one.structure.columns(term) for term in rare]
-    errors = KnownErrors(problem, one, slopes).of(member.kept) if rare else np.zeros(0)
+    left_out = {*range(len(one.values))} - {*member.kept}
+    errors = KnownErrors(problem, one, slopes).of(left_out) if rare else np.zeros(0)
     return all(errors[own].max() >= KNOWN for own in columns)
 
 
@@ -354,14 +355,14 @@ class KnownErrors:
         shapes = np.array([slot.parameter.shape for slot in one.structure.slots], dtype=bool)
         self._away = np.where(shapes, 0.0, np.abs(one.values - one.structure.zero))
 
-    def of(self, kept: Collection[int] | None = None) -> FloatArray:
-        """(n_parameters,) them, where the values whose indices are not kept are fixed."""
-        variance = self._variance
-        if kept is not None:
-            fixed = np.setdiff1d(np.arange(len(variance)), [*kept])
-            across = variance[:, fixed]
-            within = np.linalg.pinv(variance[np.ix_(fixed, fixed)], rcond=1e-12, hermitian=True)
+    def of(self, fixed: Collection[int] = ()) -> FloatArray:
+        """(n_parameters,) them, where the values of some indices are fixed: of these 0."""
+        variance, gone = self._variance, np.array([*fixed], dtype=np.intp)
+        if len(gone):
+            across = variance[:, gone]
+            within = np.linalg.pinv(variance[np.ix_(gone, gone)], rcond=1e-12, hermitian=True)
             variance = variance - across @ within @ across.T
         std = np.sqrt(np.maximum(np.diag(variance), 0.0))
         errors: FloatArray = self._away / np.where(std > 0, std, np.inf)
+        errors[gone] = 0.0  # whose variance is left of rounding alone
         return errors

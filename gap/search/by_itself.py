@@ -6,8 +6,9 @@ fit = only_needed(problem, fit)
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from walkerkit.gap.search.slopes import Slopes, linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, Unit, carried, merged
 
 FloatArray = NDArray[np.float64]
+_Part = TypeVar("_Part", bound=Hashable)
 
 _KEEPS = 0.5  # of what slopes foretell, that has to come of it for them to be believed
 
@@ -215,17 +217,25 @@ def _of_which_nothing_is_known(
     problem: Problem, one: Fit, slopes: Slopes, terms: Sequence[Term]
 ) -> list[Term]:
     """Those of some effects of which no number is known beside the others that stay."""
-    left = [term for term in terms if len(one.structure.columns(term))]
-    errors, gone = KnownErrors(problem, one, slopes), list[Term]()
-    kept = {*range(len(one.values))}
+    columns = {k: one.structure.columns(term) for k, term in enumerate(terms)}
+    parts = {k: own for k, own in columns.items() if len(own)}
+    return [terms[k] for k in _unknown(KnownErrors(problem, one, slopes), parts)]
+
+
+def _unknown(errors: KnownErrors, parts: Mapping[_Part, NDArray[np.int64]]) -> list[_Part]:
+    """Those of some parts of a fit of which no number is known beside the others that stay.
+
+    The least known goes first; how well the others are known without it is linear algebra.
+    """
+    left, gone = dict(parts), list[_Part]()
     while left:
-        each = errors.of(kept)
-        known = [float(each[one.structure.columns(term)].max()) for term in left]
-        least = int(np.argmin(known))
+        each = errors.of(fixed=[k for part in gone for k in parts[part]])
+        known = {part: float(each[own].max()) for part, own in left.items()}
+        least = min(known, key=known.__getitem__)
         if known[least] >= KNOWN:
             break
-        kept -= {*one.structure.columns(left[least])}
-        gone.append(left.pop(least))
+        del left[least]
+        gone.append(least)
     return gone
 
 
@@ -247,29 +257,23 @@ def _not_known(
 
     Returns:
         Of the ordinary effects of each place that are not known the one without which least is
-        lost; and the structure without a rare one where that is known least, if it is not known
-        there.
+        lost; and the structure without rare ones where they are not known, if there are any.
     """
-    structure, errors = one.structure, KnownErrors(problem, one, slopes).of()
+    structure, errors = one.structure, KnownErrors(problem, one, slopes)
+    every = {(t.effect.name, p): structure.columns(t, p) for t in structure.terms for p in t.places}
+    rare = {unit for t in structure.rare for unit in every if unit[0] == t.effect.name}
+    # What ran into a bound is no estimate, and what ends there is none of the rest.
     stopped = ran_away(one)
+    gone = [unit for unit in every if unit in rare and stopped[every[unit]].any()]
+    gone = gone or _unknown(errors, {unit: own for unit, own in every.items() if unit in rare})
+    if gone:
+        return [], structure.at(every.keys() - gone)
+    each = errors.of()
     least: dict[str, tuple[float, str]] = {}
-    for term in structure.terms:
-        columns = {place: structure.columns(term, place) for place in term.places}
-        # What ran into a bound is no estimate, and what ends there is none of the rest.
-        rare = not term.effect.ordinary
-        own = {
-            place: 0.0 if rare and stopped[its].any() else float(errors[its].max())
-            for place, its in columns.items()
-        }
-        if term.effect.fitted and rare and min(own.values()) < KNOWN:
-            places = tuple(place for place in own if place != min(own, key=own.__getitem__))
-            if term.shared or not places:
-                return [], structure.without_term(term)
-            return [], structure.replaced(term, replace(term, sites=places))
-        for place, known in () if rare else own.items():
-            unit = term.effect.name, place
-            if known < KNOWN and unit not in missed:
-                least[place] = min(least.get(place, (np.inf, "")), (lost[unit], unit[0]))
+    for unit, own in every.items():
+        if unit in lost and unit not in rare | {*missed} and each[own].max() < KNOWN:
+            name, place = unit
+            least[place] = min(least.get(place, (np.inf, "")), (lost[unit], name))
     return [(name, place) for place, (_, name) in least.items()], None
 
 

@@ -305,4 +305,6 @@ def test_errors_are_those_of_what_is_kept_beside_what_is_fixed(
     kept = [0, 2]
     within = np.linalg.inv(np.linalg.inv(variance)[np.ix_(kept, kept)])
     expected = away[kept] / np.sqrt(np.diag(within))
-    np.testing.assert_allclose(errors.of(kept)[kept], expected, rtol=1e-4)
+    fixed = {*range(len(away))} - {*kept}
+    np.testing.assert_allclose(errors.of(fixed)[kept], expected, rtol=1e-4)
+    assert (errors.of(fixed)[[*fixed]] == 0).all()
