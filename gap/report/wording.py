@@ -339,12 +339,16 @@ def separation(sigmas: float) -> str:
 
 
 def unknown(diagnosis: Diagnosis) -> str:
-    """How probable it is that something is missing that has no name here, a sentence or ""."""
+    """How probable it is that something is missing that has no name here; or ""."""
     if diagnosis.unknown is None or diagnosis.verdict == "no_gap":
         return ""
+    probable = f"is {percent(diagnosis.unknown)} probable."
+    if diagnosis.verdict == "explained":
+        return f"That something is missing besides, which the catalogue cannot name, {probable}"
+    besides = " besides" if diagnosis.effects else ""
     return (
-        f"That something is missing besides, which the catalogue cannot name, is "
-        f"{percent(diagnosis.unknown)} probable."
+        f"A gap remains, so something is missing{besides}. That it is an effort that goes smoothly "
+        f"with how the joints move and are loaded, which the catalogue cannot name, {probable}"
     )
 
 
