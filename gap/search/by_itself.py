@@ -6,9 +6,8 @@ fit = only_needed(problem, fit)
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,6 @@ from walkerkit.gap.search.slopes import Slopes, linearised
 from walkerkit.gap.search.structure import Fit, Structure, Term, Unit, carried, merged
 
 FloatArray = NDArray[np.float64]
-_Part = TypeVar("_Part", bound=Hashable)
 
 _KEEPS = 0.5  # of what slopes foretell, that has to come of it for them to be believed
 
@@ -217,25 +215,24 @@ def _of_which_nothing_is_known(
     problem: Problem, one: Fit, slopes: Slopes, terms: Sequence[Term]
 ) -> list[Term]:
     """Those of some effects of which no number is known beside the others that stay."""
-    columns = {k: one.structure.columns(term) for k, term in enumerate(terms)}
-    parts = {k: own for k, own in columns.items() if len(own)}
-    return [terms[k] for k in _unknown(KnownErrors(problem, one, slopes), parts)]
+    fitted = [term for term in terms if len(one.structure.columns(term))]
+    parts = [one.structure.columns(term) for term in fitted]
+    return [fitted[k] for k in _unknown(KnownErrors(problem, one, slopes), parts)]
 
 
-def _unknown(errors: KnownErrors, parts: Mapping[_Part, NDArray[np.int64]]) -> list[_Part]:
-    """Those of some parts of a fit of which no number is known beside the others that stay.
+def _unknown(errors: KnownErrors, parts: Sequence[NDArray[np.int64]]) -> list[int]:
+    """Which parts of a fit are those of which no number is known beside the others that stay.
 
     The least known goes first; how well the others are known without it is linear algebra.
     """
-    left, gone = dict(parts), list[_Part]()
+    left, gone = [*range(len(parts))], list[int]()
     while left:
         each = errors.of(fixed=[k for part in gone for k in parts[part]])
-        known = {part: float(each[own].max()) for part, own in left.items()}
-        least = min(known, key=known.__getitem__)
+        known = [float(each[parts[part]].max()) for part in left]
+        least = int(np.argmin(known))
         if known[least] >= KNOWN:
             break
-        del left[least]
-        gone.append(least)
+        gone.append(left.pop(least))
     return gone
 
 
@@ -260,20 +257,21 @@ def _not_known(
         lost; and the structure without rare ones where they are not known, if there are any.
     """
     structure, errors = one.structure, KnownErrors(problem, one, slopes)
-    every = {(t.effect.name, p): structure.columns(t, p) for t in structure.terms for p in t.places}
-    rare = {unit for t in structure.rare for unit in every if unit[0] == t.effect.name}
+    rare = {(t.effect.name, p): structure.columns(t, p) for t in structure.rare for p in t.places}
     # What ran into a bound is no estimate, and what ends there is none of the rest.
     stopped = ran_away(one)
-    gone = [unit for unit in every if unit in rare and stopped[every[unit]].any()]
-    gone = gone or _unknown(errors, {unit: own for unit, own in every.items() if unit in rare})
+    gone = [unit for unit, own in rare.items() if stopped[own].any()]
+    gone = gone or [[*rare][k] for k in _unknown(errors, [*rare.values()])]
     if gone:
-        return [], structure.at(every.keys() - gone)
+        units = {(term.effect.name, place) for term in structure.terms for place in term.places}
+        return [], structure.at(units - {*gone})
     each = errors.of()
     least: dict[str, tuple[float, str]] = {}
-    for unit, own in every.items():
-        if unit in lost and unit not in rare | {*missed} and each[own].max() < KNOWN:
-            name, place = unit
-            least[place] = min(least.get(place, (np.inf, "")), (lost[unit], name))
+    for term in structure.terms:
+        for place in term.places if term.effect.ordinary else ():
+            unit = term.effect.name, place
+            if unit not in missed and each[structure.columns(term, place)].max() < KNOWN:
+                least[place] = min(least.get(place, (np.inf, "")), (lost[unit], unit[0]))
     return [(name, place) for place, (_, name) in least.items()], None
 
 
