@@ -372,7 +372,7 @@ def test_a_phone_scrolls_the_page_only_downwards_and_can_choose(
         <pre id="seen"></pre>
         <script>const look = () => {
           const page = document.getElementById("phone").contentDocument;
-          if (!("ready" in page.documentElement.dataset)) return setTimeout(look, 100);
+          if (page?.documentElement?.dataset.ready === undefined) return setTimeout(look, 100);
           const select = page.getElementById("joint"), shown = [];
           for (const index of [0, 1, 2]) {
             select.selectedIndex = index;
