@@ -144,8 +144,10 @@ class Effect(abc.ABC):
     resembles: ClassVar[tuple[str, ...]] = ()
     fields: ClassVar[Mapping[str, Field]] = MappingProxyType({})
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, *, listed: bool = True) -> None:
         super().__init_subclass__()
+        if not listed:
+            return  # it is in no catalogue
         if cls.__module__.startswith("walkerkit."):
             _defined.append(cls)
         elif "name" in cls.__dict__:

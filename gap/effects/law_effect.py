@@ -41,8 +41,8 @@ class LawEffect(JointEffect):
     dry: ClassVar[bool] = False
     added_as = "drivetrain law in actuators.json"
 
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
+    def __init_subclass__(cls, *, listed: bool = True) -> None:
+        super().__init_subclass__(listed=listed)
         if "law" in vars(cls):
             own = {name: fields.law(cls.law, name) for name in cls.law.parameter_names()}
             own["frictionloss"] = fields.joint("frictionloss", "dof_frictionloss")

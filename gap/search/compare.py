@@ -27,8 +27,10 @@ from walkerkit.gap.search.decision import (
     LEAST_GAIN,
     PRICE_PLACE,
     PRICE_RARE,
+    PRICE_UNKNOWN,
     TEMPERATURE,
 )
+from walkerkit.gap.search.free_effort import FREE_EFFORT
 from walkerkit.gap.search.score import Scores
 from walkerkit.gap.search.structure import Fit, Structure, Unit, merged
 
@@ -91,7 +93,8 @@ class Member:
 
 def log_prior(effect: str, places: int) -> float:
     """Log prior odds of an effect at so many places that are not doubted."""
-    return -PRICE_PLACE * places - (PRICE_RARE if places and not _ordinary(effect) else 0.0)
+    kind = PRICE_UNKNOWN if effect == FREE_EFFORT.name else 0.0 if _ordinary(effect) else PRICE_RARE
+    return -PRICE_PLACE * places - (kind if places else 0.0)
 
 
 def rare_effects(structure: Structure) -> Rare:

@@ -165,23 +165,40 @@ def polish(
     Returns:
         The fit, and the slopes there.
     """
-    (found,) = _in_lock_step(
+    (found,) = polish_each(
         [objective],
-        [
-            _polishing(
-                objective,
-                start,
-                slopes,
-                iterations=iterations,
-                certain=certain,
-                near_enough=near_enough,
-                leader=leader,
-                progress=progress,
-                stage=stage,
-            )
-        ],
+        [start],
+        [slopes],
+        iterations=iterations,
+        certain=certain,
+        near_enough=near_enough,
+        leader=leader,
+        progress=progress,
+        stage=stage,
     )
     return found
+
+
+def polish_each(
+    objectives: Sequence[Objective],
+    starts: Sequence[Fit],
+    slopes: Sequence[Slopes | None],
+    *,
+    iterations: int,
+    **how: Any,
+) -> list[tuple[Fit, Slopes]]:
+    """What `polish` finds from several starts, each for its own objective, in lock step.
+
+    Args:
+        objectives: what to fit, one for each start.
+        starts: structures and values.
+        slopes: those at each start, where they are known.
+        iterations: the most steps.
+        **how: as in `polish`, `certain` among them.
+    """
+    each = zip(objectives, starts, slopes, strict=True)
+    runs = [_polishing(*one, iterations=iterations, **how) for one in each]
+    return _in_lock_step(objectives, runs)
 
 
 def _polishing(
@@ -324,20 +341,17 @@ def polished(
         slopes: Sequence[Slopes | None] = [None] * len(starts)
         if near is not None:
             slopes = list(near_slopes(objective, near, starts))
-        runs = [
-            _polishing(
-                its,
-                start,
-                at_start,
-                iterations=iterations,
-                certain=certain,
-                near_enough=near_enough,
-                progress=progress,
-                stage=stage,
-            )
-            for its, start, at_start in zip(objectives, starts, slopes, strict=True)
-        ]
-        return [found for found, _ in _in_lock_step(objectives, runs)]
+        found = polish_each(
+            objectives,
+            starts,
+            slopes,
+            iterations=iterations,
+            certain=certain,
+            near_enough=near_enough,
+            progress=progress,
+            stage=stage,
+        )
+        return [one for one, _ in found]
 
     def make() -> list[Fit]:
         sizes = [

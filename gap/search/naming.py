@@ -33,8 +33,7 @@ from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.settle import REFITS, robustly
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Fit, Term, candidate_terms, carried
-from walkerkit.gap.search.unknown import unknown_weight
-from walkerkit.gap.simulation.mend import mend
+from walkerkit.gap.search.unknown import Unknown, beside_what_has_no_name
 
 FloatArray = NDArray[np.float64]
 
@@ -232,14 +231,17 @@ def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: s
 def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) -> Explanation:
     whole = _over_whole(problem, final)
     table = book.table
-    named = [_named(problem, table, term, final) for term in final.structure.terms]
+    unknown = beside_what_has_no_name(problem, final) if searched else None
+    named = [
+        _named(problem, table, term, final, unknown or Unknown()) for term in final.structure.terms
+    ]
     return Explanation(
         fit=final if whole is None else whole,
         named=tuple(sorted(named, key=lambda one: _rank(problem, table, one))),
         table=table,
         gains=book.gains,
         searched=searched,
-        unknown=_unknown(problem, final) if searched else None,
+        unknown=None if unknown is None else unknown.weight,
         whole=whole is not None,
     )
 
@@ -249,14 +251,6 @@ def _rank(problem: Problem, table: Table, one: Named) -> tuple[float, float]:
     quantities = [channel.quantity for channel in problem.channels]
     share = table.share({one.term.effect.name, *one.equivalent}, quantities)
     return -round(one.confidence, 2), -share
-
-
-def _unknown(problem: Problem, final: Fit) -> float | None:
-    """The weight of an effort without a name beside a fit; 0 where that leaves nothing."""
-    if problem.leaves_nothing(final):
-        return 0.0
-    trials = [final.structure.trials(robot, final.values[None]) for robot in problem.robots]
-    return unknown_weight(problem, [mend(trial) for trial in trials])
 
 
 def by_usual_names(problem: Problem, final: Fit) -> Fit:
@@ -310,13 +304,15 @@ def _equivalent(problem: Problem, term: Term, final: Fit) -> dict[str, str]:
     return {name: why for name, why in known.items() if name in CATALOGUE}
 
 
-def _named(problem: Problem, table: Table, term: Term, final: Fit) -> Named:
+def _named(problem: Problem, table: Table, term: Term, final: Fit, unknown: Unknown) -> Named:
     name, present = term.effect.name, {other.effect.name for other in final.structure.terms}
     known = _equivalent(problem, term, final)
     equivalent = {other: why for other, why in known.items() if other not in present}
     return Named(
         term=term,
-        confidence=table.confidence({name, *equivalent}) if term.effect.fitted else 1.0,
+        confidence=unknown.beside(name, table.confidence({name, *equivalent}))
+        if term.effect.fitted
+        else 1.0,
         exchanges=table.exchanges(name, present),
         equivalent=equivalent,
     )

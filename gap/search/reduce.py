@@ -98,6 +98,10 @@ class Reduction:
         """The structure of the fit."""
         return self._member([], self._given)
 
+    def lacking(self, units: Sequence[Unit]) -> Member:
+        """The structure without some units, to which the others have followed."""
+        return self._member(units, self._without(units))
+
     def members(self) -> list[Member]:
         """The most probable structure, and those without each of its ordinary effects."""
         best = self.best()

@@ -1,129 +1,116 @@
-"""What the catalogue does not have: a free effort at each joint, against what was named without.
+"""What the catalogue does not have: a free effort at each joint, beside what is told.
 
-    unknown_weight(problem, robots)     # of the structure with a free effort beside what was named
+    found = beside_what_has_no_name(problem, told)
+    found.weight                  # of a free effort beside what is told
+    found.confidence["payload"]   # of a name, where there is one
 
-A smooth function of a joint's motion and effort, of which nothing is known but that it is smooth,
-predicts the effort that the simulation lacks in blocks of time that it has not seen. Where it does,
-something is missing beside what was named.
+What is told is compared, by the score that decides on names, with the same and a free effort beside
+it, and with each effect of it left out in favour of the free effort. So a name has to say more than
+that some effort is missing. All are fitted on the parts of the recordings on which effects are
+tried.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import expit, gammaln
 
-from walkerkit.gap.search.decision import LEAST_GAIN, PRICE_UNKNOWN, TAILS, TEMPERATURE
+from walkerkit.gap.search.compare import Table, is_worth_a_name
+from walkerkit.gap.search.fit import evaluate, polish_each
+from walkerkit.gap.search.free_effort import FREE_EFFORT
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.residual_effort import ResidualEffort, residual_effort
-from walkerkit.gap.simulation.robot import Robot
+from walkerkit.gap.search.reduce import Reduction
+from walkerkit.gap.search.slopes import Slopes, near_slopes
+from walkerkit.gap.search.structure import Fit, Term, carried, extended
 
-FloatArray = NDArray[np.float64]
-
-_FEATURES, _SEED = 80, 20260103  # of random Fourier features (Rahimi and Recht, NeurIPS 2007)
-_RIDGES = np.logspace(-2, 4, 13)
-_FOLDS = 8
-_FEWEST = 40  # windows of a joint
-_OUTLIER = 6.0  # times the usual effort
-_DRAWS = 1000
-_SLOW = 0.05  # of a joint's peak speed, over which dry friction turns
+_STEPS = 20  # of a fit
 
 
-def unknown_weight(problem: Problem, named: Sequence[Robot]) -> float | None:
-    """The weight of what was named with a free effort beside it, over that without.
+@dataclass(frozen=True, kw_only=True)
+class Unknown:
+    """A free effort against what is told.
+
+    Attributes:
+        weight: of all structures that have a free effort.
+        confidence: effect to the part of that weight that structures with it have.
+    """
+
+    weight: float = 0.0
+    confidence: Mapping[str, float] = field(default_factory=dict)
+
+    def beside(self, effect: str, confidence: float) -> float:
+        """How sure a name is that was so sure before a free effort was thought of."""
+        return (1 - self.weight) * confidence + self.weight * self.confidence.get(effect, 1.0)
+
+
+def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
+    """Weighs a free effort, and each told effect beside one.
 
     Args:
-        problem: the recordings; only those that are fitted are looked at.
-        named: the robots with all that was named.
+        problem: what is explained; only recordings that are fitted are looked at.
+        told: what is told of it.
 
     Returns:
-        The weight; None where no effort can be told, as of a base that floats.
+        The weights; None where no effort can be told, as of a base that floats.
     """
     if any(robot.base is not None for robot in problem.robots):
         return None
-    missing = residual_effort(problem, named, problem.joints, ("fit",))
-    gains = [] if missing is None else [_gains(missing, k) for k in range(len(problem.joints))]
-    known = [one for one in gains if one is not None]
-    if not known:
-        return None
-    rng = np.random.default_rng(_SEED)
-    total = np.zeros(_DRAWS)
-    for blocks in known:
-        total += rng.dirichlet(np.ones(len(blocks)), size=_DRAWS) @ blocks * len(blocks)
-    return float(expit(total / TEMPERATURE - PRICE_UNKNOWN).mean())
+    if problem.leaves_nothing(told):
+        return Unknown()
+    half, joints = problem.screen, tuple(channel.joint for channel in problem.channels)
+    half.refine(told)
+    objective = half.objective
+    ((as_told, slopes),) = _fitted(objective, [told], None)
+    named = _reduction(problem, objective, as_told, slopes).whole
+    free = Term(effect=FREE_EFFORT, sites=tuple(problem.joints))
+    ((beside, slopes),) = _fitted(objective, [extended(as_told, [free])], None)
+    reduction = _reduction(problem, objective, beside, slopes)
+    if not is_worth_a_name(named, reduction.whole, joints):
+        return Unknown()
+    effects = [term for term in told.structure.terms if term.effect.fitted]
+    apart = [[term] for term in effects]
+    starts = [
+        _without(reduction, beside, gone)
+        for gone in (apart if len(effects) < 2 else [*apart, effects])
+    ]
+    others = _fitted(objective, starts, slopes)
+    members = [reduction.whole, *(_reduction(problem, objective, *one).whole for one in others)]
+    weights = Table((named, *members)).weights[1:]
+    weight = min(1.0, float(weights.sum()))
+    confidence = {}
+    for term in effects:
+        has = [term.effect.name in member.effects for member in members]
+        confidence[term.effect.name] = float(weights[has].sum()) / weight if weight else 1.0
+    return Unknown(weight=weight, confidence=confidence)
 
 
-def _gains(missing: ResidualEffort, joint: int) -> FloatArray | None:
-    """(n_blocks,) log densities of the missing effort of a joint with a free one, over without."""
-    missing = missing.at(np.isfinite(missing.residual[:, joint]))
-    if len(missing.time) < _FEWEST:
-        return None
-    target = missing.residual[:, joint]
-    _, block = np.unique(missing.block, return_inverse=True)
-    left = _across(_features(missing, joint), target, block)
-    if np.sum(left**2) > np.exp(-2 * LEAST_GAIN) * np.sum(target**2):
-        return np.zeros(block.max() + 1)  # less than is worth a name
-    return _density(left, block) - _density(target, block)
+def _fitted(
+    objective: Objective, starts: Sequence[Fit], near: Slopes | None
+) -> list[tuple[Fit, Slopes]]:
+    """Fits from starts, and their slopes; those of a fit beside them are enough to begin with."""
+    begun = evaluate(objective, [(one.structure, one.values) for one in starts])
+    slopes = [None] * len(begun) if near is None else [*near_slopes(objective, near, begun)]
+    return polish_each([objective] * len(begun), begun, slopes, iterations=_STEPS, certain=False)
 
 
-def _features(missing: ResidualEffort, joint: int) -> FloatArray:
-    """(n, k) smooth functions of a joint's motion and effort."""
-    qd = missing.qd[:, joint]
-    slow = _SLOW * float(np.abs(qd).max() or 1.0)
-    inputs = np.stack(
-        [
-            missing.q[:, joint],
-            qd,
-            np.tanh(qd / slow),
-            missing.qdd[:, joint],
-            missing.effort[:, joint],
-        ],
-        axis=1,
+def _reduction(problem: Problem, objective: Objective, one: Fit, slopes: Slopes) -> Reduction:
+    return Reduction(objective, one, slopes, problem.noise, any_may_go=True)
+
+
+def _without(reduction: Reduction, one: Fit, terms: Sequence[Term]) -> Fit:
+    """A start without some effects, to where slopes say that the others go."""
+    gone = {(term.effect.name, place) for term in terms for place in term.places}
+    values = reduction.lacking([unit for unit in reduction.units if unit in gone]).values
+    structure = one.structure
+    for term in terms:
+        structure = structure.without_term(term)
+    start = carried(values, one.structure, structure)
+    return Fit(
+        structure=structure,
+        values=np.clip(start, *structure.bounds),
+        score=one.score,
+        mean_square=one.mean_square,
     )
-    scale = np.where(inputs.std(axis=0) > 0, inputs.std(axis=0), 1.0)
-    inputs = (inputs - inputs.mean(axis=0)) / scale
-    rng = np.random.default_rng(_SEED)
-    directions = rng.normal(size=(inputs.shape[1], _FEATURES)) / np.sqrt(inputs.shape[1])
-    phase = rng.uniform(0, 2 * np.pi, size=_FEATURES)
-    waves = np.sqrt(2 / _FEATURES) * np.cos(inputs @ directions + phase)
-    return np.concatenate([np.ones((len(inputs), 1)), inputs, waves], axis=1)
-
-
-def _across(features: FloatArray, target: FloatArray, block: NDArray[np.intp]) -> FloatArray:
-    """(n,) what is left of a target by ridge regressions that have not seen its block."""
-    usual = float(np.sqrt(np.mean(target**2)))
-    target = np.clip(target, -_OUTLIER * usual, _OUTLIER * usual)
-    fold = block % _FOLDS
-    left = np.empty((len(_RIDGES), len(target)))
-    for one in range(_FOLDS):
-        mine, others = fold == one, fold != one
-        if not mine.any():
-            continue
-        if not others.any():
-            left[:, mine] = target[mine]
-            continue
-        normal = features[others].T @ features[others]
-        along = features[others].T @ target[others]
-        for k, ridge in enumerate(_RIDGES):
-            factors = np.linalg.solve(normal + ridge * np.eye(len(normal)), along)
-            left[k, mine] = target[mine] - features[mine] @ factors
-    best: FloatArray = left[int(np.argmin(np.square(left).sum(axis=1)))]
-    return best
-
-
-def _density(left: FloatArray, block: NDArray[np.intp]) -> FloatArray:
-    """(n_blocks,) log densities of blocks, each of one independent sample, Student t."""
-    square = np.bincount(block, weights=left**2) / np.bincount(block)
-    variance = float(np.mean(square)) or 1.0
-    for _ in range(_FOLDS):
-        heavy = (TAILS + 1) / (TAILS + square / variance)
-        variance = float(np.mean(heavy * square)) or 1.0
-    density: FloatArray = (
-        gammaln(0.5 * (TAILS + 1))
-        - gammaln(0.5 * TAILS)
-        - 0.5 * np.log(TAILS * np.pi * variance)
-        - 0.5 * (TAILS + 1) * np.log1p(square / (TAILS * variance))
-    )
-    return density

@@ -13,19 +13,14 @@ MOST = 10
 # What is drawn, iterated and looked at, of which more can only make the same answer more exact.
 NUMERICS = {
     "_DRAWS",
-    "_FEATURES",
-    "_FEWEST",
-    "_FOLDS",
     "_LONGEST",
     "_MOST_BY_THEMSELVES",
     "_MOST_IN_THE_RUNNING",
     "_ORDER",
-    "_OUTLIER",
     "_OUT_OF_REACH",
-    "_RIDGES",
     "_SEED",
     "_SINGULAR",
-    "_SLOW",
+    "_STEPS",
     "_SWEEPS",
 }
 
