@@ -346,10 +346,11 @@ def unknown(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "explained":
         return f"That something is missing besides, which the catalogue cannot name, {probable}"
     besides = " besides" if diagnosis.effects else ""
-    return (
-        f"A gap remains, so something is missing{besides}. That it is an effort that goes smoothly "
-        f"with how the joints move and are loaded, which the catalogue cannot name, {probable}"
-    )
+    remains = f"A gap remains, so something is missing{besides}."
+    effort = "effort that goes smoothly with how the joints move and are loaded"
+    if not diagnosis.unknown:
+        return f"{remains} No {effort} makes up for it."
+    return f"{remains} That it is an {effort}, which the catalogue cannot name, {probable}"
 
 
 def sure(confidence: float) -> str:

@@ -13,7 +13,7 @@ tried.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import Reduction
 from walkerkit.gap.search.slopes import Slopes, near_slopes
-from walkerkit.gap.search.structure import Fit, Term, carried, extended
+from walkerkit.gap.search.structure import Fit, Term, Unit, carried, extended
 
 _STEPS = 20  # of a fit
 
@@ -70,18 +70,19 @@ def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
     reduction = _reduction(problem, objective, beside, slopes)
     if not is_worth_a_name(named, reduction.whole, joints):
         return Unknown()
-    effects = [term for term in told.structure.terms if term.effect.fitted]
-    apart = [[term] for term in effects]
-    starts = [
-        _without(reduction, beside, gone)
-        for gone in (apart if len(effects) < 2 else [*apart, effects])
+    # As in the comparison: what is ordinary is left out by slopes, what is rare by another fit.
+    rare = told.structure.rare
+    usual = [term for term in told.structure.terms if term.effect.ordinary]
+    starts = [_without(reduction, beside, gone) for gone in _some(rare)]
+    members = [
+        reduction.whole,
+        *(reduction.lacking(_units(reduction, gone)) for gone in _some(usual)),
+        *(_reduction(problem, objective, *one).whole for one in _fitted(objective, starts, slopes)),
     ]
-    others = _fitted(objective, starts, slopes)
-    members = [reduction.whole, *(_reduction(problem, objective, *one).whole for one in others)]
     weights = Table((named, *members)).weights[1:]
     weight = min(1.0, float(weights.sum()))
     confidence = {}
-    for term in effects:
+    for term in (*usual, *rare):
         has = [term.effect.name in member.effects for member in members]
         confidence[term.effect.name] = float(weights[has].sum()) / weight if weight else 1.0
     return Unknown(weight=weight, confidence=confidence)
@@ -100,17 +101,20 @@ def _reduction(problem: Problem, objective: Objective, one: Fit, slopes: Slopes)
     return Reduction(objective, one, slopes, problem.noise, any_may_go=True)
 
 
+def _some(terms: Sequence[Term]) -> list[Sequence[Term]]:
+    """Each by itself, and all of them."""
+    return [*([term] for term in terms), *([terms] if len(terms) > 1 else [])]
+
+
+def _units(reduction: Reduction, terms: Sequence[Term]) -> list[Unit]:
+    names = [term.effect.name for term in terms]
+    return [unit for unit in reduction.units if unit[0] in names]
+
+
 def _without(reduction: Reduction, one: Fit, terms: Sequence[Term]) -> Fit:
     """A start without some effects, to where slopes say that the others go."""
-    gone = {(term.effect.name, place) for term in terms for place in term.places}
-    values = reduction.lacking([unit for unit in reduction.units if unit in gone]).values
-    structure = one.structure
-    for term in terms:
-        structure = structure.without_term(term)
-    start = carried(values, one.structure, structure)
-    return Fit(
-        structure=structure,
-        values=np.clip(start, *structure.bounds),
-        score=one.score,
-        mean_square=one.mean_square,
-    )
+    values = reduction.lacking(_units(reduction, terms)).values
+    kept = tuple(term for term in one.structure.terms if term not in terms)
+    structure = replace(one.structure, terms=kept)
+    start = np.clip(carried(values, one.structure, structure), *structure.bounds)
+    return replace(one, structure=structure, values=start)

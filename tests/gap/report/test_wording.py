@@ -38,6 +38,10 @@ def test_nothing_is_missing_beside_a_gap_that_is_none(leg: LegDiagnosis) -> None
         "with how the joints move and are loaded, which the catalogue cannot name, is "
         "86 % probable."
     )
+    assert wording.unknown(replace(doubted, unknown=0.0, verdict="partly_explained")) == (
+        "A gap remains, so something is missing besides. No effort that goes smoothly with how the "
+        "joints move and are loaded makes up for it."
+    )
     unexplained = wording.unknown(replace(doubted, effects=(), verdict="unexplained"))
     assert unexplained.startswith("A gap remains, so something is missing. That it is an effort")
     assert wording.unknown(replace(doubted, effects=(), verdict="no_gap")) == ""
