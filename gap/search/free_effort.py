@@ -8,9 +8,8 @@ in no catalogue, is never told and never written into a model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import make_dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,7 @@ _TURNS, _BENDS = 0.05, 0.25  # of a joint's peak speed, over which friction turn
 _BEYOND = 1.2  # of what the recordings show, as far as it is free
 _PLAUSIBLE = 0.02  # of a joint's peak effort: what each of its numbers is, if it is there
 _NUMBERS = tuple(f"w{k}" for k in range(_WAVES + 10))
-_SCALES = ("center", "reach", "speed", "load")
+_SCALES = ("center", "reach", "speed", "load")  # of the joint, which are not fitted
 
 
 def shapes(q: FloatArray, qd: FloatArray, effort: FloatArray) -> FloatArray:
@@ -117,15 +116,11 @@ class FreeEffort(LawEffect, listed=False):
         """Writes the weights, and what they are scaled by."""
         super().apply(trials, site, values)
         excursion = trials.robot.excursion(site)
-        scales: Mapping[str, Any] = {
-            "center": 0.5 * (excursion.lower + excursion.upper),
-            "reach": 0.5 * excursion.range,
-            "speed": excursion.velocity,
-            "load": excursion.effort,
-        }
         own = trials.law(self.law, site)
-        for name, scale in scales.items():
-            own[name][:] = scale
+        own["center"][:] = 0.5 * (excursion.lower + excursion.upper)
+        own["reach"][:] = 0.5 * excursion.range
+        own["speed"][:] = excursion.velocity
+        own["load"][:] = excursion.effort
 
 
 FREE_EFFORT = FreeEffort()

@@ -48,7 +48,7 @@ class Named:
     Attributes:
         term: where it is.
         confidence: the posterior weight of all structures that have it, or that have what no
-            recording of these channels can tell from it.
+            recording of these channels can tell from it; also beside an effort without a name.
         exchanges: what could be in its place, by name, most probable first.
         equivalent: those that no recording of these channels can tell from it, with the reason.
     """
@@ -232,9 +232,8 @@ def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) ->
     whole = _over_whole(problem, final)
     table = book.table
     unknown = beside_what_has_no_name(problem, final) if searched else None
-    named = [
-        _named(problem, table, term, final, unknown or Unknown()) for term in final.structure.terms
-    ]
+    beside = unknown or Unknown()
+    named = [_named(problem, table, term, final, beside) for term in final.structure.terms]
     return Explanation(
         fit=final if whole is None else whole,
         named=tuple(sorted(named, key=lambda one: _rank(problem, table, one))),
@@ -308,11 +307,10 @@ def _named(problem: Problem, table: Table, term: Term, final: Fit, unknown: Unkn
     name, present = term.effect.name, {other.effect.name for other in final.structure.terms}
     known = _equivalent(problem, term, final)
     equivalent = {other: why for other, why in known.items() if other not in present}
+    confidence = table.confidence({name, *equivalent}) if term.effect.fitted else 1.0
     return Named(
         term=term,
-        confidence=unknown.beside(name, table.confidence({name, *equivalent}))
-        if term.effect.fitted
-        else 1.0,
+        confidence=unknown.beside(name, confidence),
         exchanges=table.exchanges(name, present),
         equivalent=equivalent,
     )

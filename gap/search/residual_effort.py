@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +83,6 @@ def residual_effort(
     problem: Problem,
     robots: Sequence[Robot],
     joints: Sequence[str],
-    halves: Sequence[Literal["fit", "held"]] = ("fit", "held"),
 ) -> ResidualEffort | None:
     """Measures the effort that robots lack.
 
@@ -92,17 +90,15 @@ def residual_effort(
         problem: the recordings, and how they are replayed.
         robots: the robots, one for each of the problem's.
         joints: where to look; efforts of other joints are taken to be right.
-        halves: recordings that are looked at: those that are fitted, those that are held out.
 
     Returns:
         The windows of all recordings that have these joints, or None where there are none.
     """
     finer = [robot.refined(_FINER) for robot in robots]
-    half = {"fit": problem.fit, "held": problem.held}
     experiments = [
         (name, robot, recording)
-        for name in halves
-        for robot, mine in zip(finer, half[name].recordings, strict=True)
+        for name, half in (("fit", problem.fit), ("held", problem.held))
+        for robot, mine in zip(finer, half.recordings, strict=True)
         for recording in mine
         if all(joint in recording.joints for joint in joints)
     ]
