@@ -14,6 +14,7 @@ from benchmarks.hidden.outcome import Hidden, Named, Outcome
 
 CONFIDENT = 0.9
 """From where on a name is stated for sure."""
+BRISTLES = ("presliding_friction",)
 _Z = 1.96  # standard errors to either side of a 95 % interval
 
 
@@ -98,6 +99,11 @@ def false_alarm(outcome: Outcome) -> bool:
     return any(named.effect not in outcome.beside for named in outcome.named)
 
 
+def unfounded_alarm(outcome: Outcome) -> bool:
+    """A false alarm of more than bristles, which the hardware has wherever it rubs."""
+    return false_alarm(aside(outcome, BRISTLES))
+
+
 def admits(outcome: Outcome) -> bool:
     """Whether it is said that something is left unexplained."""
     return outcome.verdict in ("unexplained", "partly_explained")
@@ -109,6 +115,11 @@ def confidently_wrong(outcome: Outcome) -> bool:
         named.confidence >= CONFIDENT and not any(same(h, named) for h in outcome.hidden)
         for named in outcome.named
     )
+
+
+def unfounded(outcome: Outcome) -> bool:
+    """Whether a name but bristles, which the hardware has, is stated for sure, and wrong."""
+    return confidently_wrong(aside(outcome, BRISTLES))
 
 
 def stated(outcomes: Iterable[Outcome]) -> list[bool]:

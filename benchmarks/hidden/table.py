@@ -26,6 +26,8 @@ from benchmarks.hidden.scoring import (
     share,
     stated,
     truth_in_set,
+    unfounded,
+    unfounded_alarm,
 )
 
 _LARGEST_SET = 5
@@ -162,10 +164,14 @@ _FIGURES: dict[str, tuple[_Figure, ...]] = {
         ("both named", all_named, "75 %"),
         ("both in the confusion sets", all_in_sets, "85 %"),
     ),
-    "nothing": (("false alarm", false_alarm, "at most 2 %"),),
+    "nothing": (
+        ("false alarm", false_alarm, "at most 2 %"),
+        ("of more than bristles, which the hardware has", unfounded_alarm, ""),
+    ),
     "outside": (
         ("unexplained or partly explained", admits, "80 %"),
         ("confident wrong name", confidently_wrong, "at most 5 %"),
+        ("but for bristles, which the hardware has", unfounded, ""),
     ),
     "one_of_twelve": (
         ("right joint", place_right, "95 %"),

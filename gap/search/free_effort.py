@@ -27,7 +27,7 @@ _WAVES = 12  # over a joint's range, of half a period and more
 _TURNS, _BENDS = 0.05, 0.25  # of a joint's peak speed, over which friction turns and bends
 _BEYOND = 1.2  # of what the recordings show, as far as it is free
 _PLAUSIBLE = 0.02  # of a joint's peak effort: what each of its numbers is, if it is there
-_NUMBERS = tuple(f"w{k}" for k in range(_WAVES + 10))
+_NUMBERS = tuple(f"w{k}" for k in range(_WAVES + 11))
 _SCALES = ("center", "reach", "speed", "load")  # of the joint, which are not fitted
 
 
@@ -47,7 +47,7 @@ def shapes(q: FloatArray, qd: FloatArray, effort: FloatArray) -> FloatArray:
     dry = np.tanh(qd / _TURNS)
     others = (
         *(qd, qd * np.abs(qd), dry, np.tanh(qd / _BENDS)),
-        *(effort, np.abs(effort) * dry, effort * np.abs(qd)),
+        *(effort, effort * np.abs(effort), np.abs(effort) * dry, effort * np.abs(qd)),
         *(dry * of_pose[1], dry * of_pose[2]),
     )
     return np.concatenate([of_pose, np.stack(others)])

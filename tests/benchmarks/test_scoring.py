@@ -105,6 +105,15 @@ class TestPlaces:
 
 
 class TestHonesty:
+    def test_bristles_are_a_false_alarm_but_not_an_unfounded_one(self):
+        bristles = outcome([], [named("presliding_friction")])
+        assert scoring.false_alarm(bristles)
+        assert not scoring.unfounded_alarm(bristles)
+        assert scoring.unfounded_alarm(outcome([], [named("presliding_friction"), named()]))
+        sure = outcome([hidden("backlash")], [named("presliding_friction", confidence=0.99)])
+        assert scoring.confidently_wrong(sure)
+        assert not scoring.unfounded(sure)
+
     def test_any_name_is_a_false_alarm_but_for_what_is_off(self):
         assert scoring.false_alarm(outcome([], [named()]))
         assert not scoring.false_alarm(outcome([], []))
