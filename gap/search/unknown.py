@@ -24,9 +24,9 @@ from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import Reduction
 from walkerkit.gap.search.slopes import Slopes, near_slopes
-from walkerkit.gap.search.structure import Fit, Term, Unit, carried, extended
+from walkerkit.gap.search.structure import Fit, Term, carried, extended
 
-_STEPS = 20  # of a fit
+_STEPS = 12  # of a fit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,57 +63,57 @@ def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
     half, joints = problem.screen, tuple(channel.joint for channel in problem.channels)
     half.refine(told)
     objective = half.objective
-    ((as_told, slopes),) = _fitted(objective, [told], None)
+    ((as_told, slopes),) = _fitted(objective, [told])
     named = _reduction(problem, objective, as_told, slopes).whole
     free = Term(effect=FREE_EFFORT, sites=tuple(problem.joints))
-    ((beside, slopes),) = _fitted(objective, [extended(as_told, [free])], None)
+    ((beside, slopes),) = _fitted(objective, [extended(as_told, [free])])
     reduction = _reduction(problem, objective, beside, slopes)
     if not is_worth_a_name(named, reduction.whole, joints):
         return Unknown()
-    # As in the comparison: what is ordinary is left out by slopes, what is rare by another fit.
-    rare = told.structure.rare
-    usual = [term for term in told.structure.terms if term.effect.ordinary]
-    starts = [_without(reduction, beside, gone) for gone in _some(rare)]
-    members = [
-        reduction.whole,
-        *(reduction.lacking(_units(reduction, gone)) for gone in _some(usual)),
-        *(_reduction(problem, objective, *one).whole for one in _fitted(objective, starts, slopes)),
-    ]
+    # What is ordinary is near where slopes say that it goes, what is rare need not be.
+    rare, usual = told.structure.rare, [t for t in told.structure.terms if t.effect.ordinary]
+    effects = [*usual, *rare]
+    near = [*([term] for term in usual), *([effects] if len(effects) > 1 else [])]
+    members = [reduction.whole]
+    for gone, near_enough in ((near, True), ([[term] for term in rare], False)):
+        starts = [_without(reduction, beside, terms) for terms in gone]
+        found = _fitted(objective, starts, slopes, near_enough=near_enough)
+        members += [_reduction(problem, objective, *one).whole for one in found]
     weights = Table((named, *members)).weights[1:]
     weight = min(1.0, float(weights.sum()))
     confidence = {}
-    for term in (*usual, *rare):
+    for term in effects:
         has = [term.effect.name in member.effects for member in members]
         confidence[term.effect.name] = float(weights[has].sum()) / weight if weight else 1.0
     return Unknown(weight=weight, confidence=confidence)
 
 
 def _fitted(
-    objective: Objective, starts: Sequence[Fit], near: Slopes | None
+    objective: Objective,
+    starts: Sequence[Fit],
+    near: Slopes | None = None,
+    *,
+    near_enough: bool = False,
 ) -> list[tuple[Fit, Slopes]]:
     """Fits from starts, and their slopes; those of a fit beside them are enough to begin with."""
     begun = evaluate(objective, [(one.structure, one.values) for one in starts])
     slopes = [None] * len(begun) if near is None else [*near_slopes(objective, near, begun)]
-    return polish_each([objective] * len(begun), begun, slopes, iterations=_STEPS, certain=False)
+    return polish_each(
+        *([objective] * len(begun), begun, slopes),
+        iterations=_STEPS,
+        certain=False,
+        near_enough=near_enough,
+    )
 
 
 def _reduction(problem: Problem, objective: Objective, one: Fit, slopes: Slopes) -> Reduction:
     return Reduction(objective, one, slopes, problem.noise, any_may_go=True)
 
 
-def _some(terms: Sequence[Term]) -> list[Sequence[Term]]:
-    """Each by itself, and all of them."""
-    return [*([term] for term in terms), *([terms] if len(terms) > 1 else [])]
-
-
-def _units(reduction: Reduction, terms: Sequence[Term]) -> list[Unit]:
-    names = [term.effect.name for term in terms]
-    return [unit for unit in reduction.units if unit[0] in names]
-
-
 def _without(reduction: Reduction, one: Fit, terms: Sequence[Term]) -> Fit:
     """A start without some effects, to where slopes say that the others go."""
-    values = reduction.lacking(_units(reduction, terms)).values
+    names = [term.effect.name for term in terms]
+    values = reduction.lacking([unit for unit in reduction.units if unit[0] in names]).values
     kept = tuple(term for term in one.structure.terms if term not in terms)
     structure = replace(one.structure, terms=kept)
     start = np.clip(carried(values, one.structure, structure), *structure.bounds)
