@@ -80,12 +80,12 @@ def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
         found = _fitted(objective, starts, slopes, near_enough=near_enough)
         members += [_reduction(problem, objective, *one).whole for one in found]
     weights = Table((named, *members)).weights[1:]
-    weight = min(1.0, float(weights.sum()))
+    free_at_all = max(float(weights.sum()), np.finfo(float).tiny)
     confidence = {}
     for term in effects:
         has = [term.effect.name in member.effects for member in members]
-        confidence[term.effect.name] = float(weights[has].sum()) / weight if weight else 1.0
-    return Unknown(weight=weight, confidence=confidence)
+        confidence[term.effect.name] = min(1.0, float(weights[has].sum()) / free_at_all)
+    return Unknown(weight=min(1.0, free_at_all), confidence=confidence)
 
 
 def _fitted(
@@ -114,7 +114,7 @@ def _without(reduction: Reduction, one: Fit, terms: Sequence[Term]) -> Fit:
     """A start without some effects, to where slopes say that the others go."""
     names = [term.effect.name for term in terms]
     values = reduction.lacking([unit for unit in reduction.units if unit[0] in names]).values
-    kept = tuple(term for term in one.structure.terms if term not in terms)
+    kept = tuple(term for term in one.structure.terms if term.effect.name not in names)
     structure = replace(one.structure, terms=kept)
     start = np.clip(carried(values, one.structure, structure), *structure.bounds)
     return replace(one, structure=structure, values=start)
