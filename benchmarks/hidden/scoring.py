@@ -15,6 +15,7 @@ from benchmarks.hidden.outcome import Hidden, Named, Outcome
 CONFIDENT = 0.9
 """From where on a name is stated for sure."""
 BRISTLES = ("presliding_friction",)
+"""What the simulated hardware has wherever it rubs, whatever is hidden."""
 _Z = 1.96  # standard errors to either side of a 95 % interval
 
 
