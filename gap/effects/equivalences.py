@@ -72,7 +72,7 @@ def equivalences(
     """
     found = {}
     if robot is not None and bodies:
-        joints = _carriers(robot, bodies)
+        joints = carriers(robot, bodies)
     for entry in _TABLE:
         if effect not in entry.effects or not entry.parted_by.isdisjoint(signals):
             continue
@@ -215,7 +215,7 @@ def _rubs_dry(robot: Robot, joints: Sequence[str]) -> bool:
     return bool(dofs) and bool((robot.model.dof_frictionloss[dofs] > 0).all())
 
 
-def _carriers(robot: Robot, bodies: Collection[str]) -> tuple[str, ...]:
+def carriers(robot: Robot, bodies: Collection[str]) -> tuple[str, ...]:
     """The joints that move some bodies and not what these hang from, in the robot's order."""
     model = robot.model
     welded = {int(model.body_weldid[model.body(name).id]) for name in bodies}

@@ -104,6 +104,10 @@ class NamedEffect:
         gaps_after: as `gap_after`, by signal; not in the JSON.
         equivalent: those of them that no recording of these signals can tell from it, each with the
             reason, a sentence; `reasons` in the JSON.
+        share: part of what its joints lack, above the noise, that it makes up for; NaN where that
+            is not known; not in the JSON.
+        lookalikes: effects that would pass for it if the catalogue did not have them; not in the
+            JSON.
     """
 
     effect: str
@@ -115,6 +119,8 @@ class NamedEffect:
     indistinguishable_from: tuple[str, ...]
     gaps_after: Mapping[str, float] = field(default_factory=dict)
     equivalent: tuple[tuple[str, str], ...] = ()
+    share: float = np.nan
+    lookalikes: tuple[str, ...] = ()
 
     @property
     def determined(self) -> bool:

@@ -57,6 +57,8 @@ def named_effects(
                 gaps_after=gaps,
                 indistinguishable_from=tuple(dict.fromkeys([*one.exchanges, *one.equivalent])),
                 equivalent=tuple(one.equivalent.items()),
+                share=one.lookalikes.share if one.lookalikes else np.nan,
+                lookalikes=one.lookalikes.names if one.lookalikes else (),
             )
         )
     return tuple(found)

@@ -24,6 +24,7 @@ from walkerkit.gap.simulation.robot import Joint, Robot
 
 _ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _UNSURE = 0.9
+_SOME = 3  # of several, that are listed
 _HARDLY = 1e-3  # of a ctrlrange, that a target may be beyond it
 _BRIEF = 2.0  # s
 
@@ -387,6 +388,19 @@ def _chosen_timestep(effects: Sequence[NamedEffect]) -> float | None:
     )
 
 
+def _of_lookalikes(named: NamedEffect) -> Iterator[str]:
+    """Why what is named may be of a kind that is not listed."""
+    if not named.lookalikes:
+        return
+    some, more = named.lookalikes[:_SOME], len(named.lookalikes) - _SOME
+    others = ", ".join(some) + (f" or {more} more" if more > 0 else "")
+    yield (
+        f"{named.effect} makes up for {percent(named.share)} of what its joints lack. If the "
+        f"catalogue had no {others}, it would make up for as much of that: what is there may be of "
+        "a kind that the catalogue does not have."
+    )
+
+
 def _of_effect(named: NamedEffect) -> Iterator[str]:
     if named.indistinguishable_from:
         yield (
@@ -395,6 +409,7 @@ def _of_effect(named: NamedEffect) -> Iterator[str]:
         )
     if named.confidence < _UNSURE:
         yield f"{named.effect} is named with a confidence of only {named.confidence:.2f}."
+        yield from _of_lookalikes(named)
     if not CATALOGUE[named.effect].fitted:
         return
     for estimate in named.parameters:

@@ -23,8 +23,9 @@ PRICE_RARE: Final = 3.0
 PRICE_PLACE: Final = 0.5
 """And against each joint or body that has an effect, an ordinary one, too."""
 
-PRICE_UNKNOWN: Final = 8.0
-"""And against a free effort: what can follow anything says little by following."""
+PRICE_UNKNOWN: Final = 4.4
+"""And against a kind that is not listed, a free effort or what only looks like a name: a quarter as
+many causes are of these as of those that are listed and rare."""
 
 LEAST_CHANGE: Final = 0.5
 """What an effect worth a name changes of some channel at least, over its noise and what is left of

@@ -27,6 +27,7 @@ from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
 from walkerkit.gap.search.fit import evaluate, polished
 from walkerkit.gap.search.growth import Search, refitted
+from walkerkit.gap.search.lookalikes import Lookalikes, lookalikes
 from walkerkit.gap.search.numerical import as_simulated_well
 from walkerkit.gap.search.ordinary_effects import ground
 from walkerkit.gap.search.problem import Problem
@@ -48,15 +49,17 @@ class Named:
     Attributes:
         term: where it is.
         confidence: the posterior weight of all structures that have it, or that have what no
-            recording of these channels can tell from it; also beside an effort without a name.
+            recording of these channels can tell from it; also beside what the catalogue lacks.
         exchanges: what could be in its place, by name, most probable first.
         equivalent: those that no recording of these channels can tell from it, with the reason.
+        lookalikes: what would pass for it, where its numbers are fitted.
     """
 
     term: Term
     confidence: float
     exchanges: dict[str, Member]
     equivalent: dict[str, str]
+    lookalikes: Lookalikes | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +166,7 @@ def name_effects(
     begun = begun or begin(problem, effects, progress, effort=effort)
     book = begun.book
     if not begun.searched:
-        return _explanation(problem, book, begun.plain, searched=False)
+        return _explanation(problem, (), book, begun.plain)
     search = Search(problem, book, effort, progress)
     rare = [effect for effect in effects if not effect.ordinary]
     with contextlib.suppress(EnoughError):
@@ -176,7 +179,7 @@ def name_effects(
     if not _mends(problem, begun.nothing, final):
         final = begun.nothing
     problem.fit.refine(final)
-    found = _explanation(problem, book, final, searched=True)
+    found = _explanation(problem, effects, book, final)
     return replace(found, untried=tuple(effort.untried))
 
 
@@ -228,18 +231,24 @@ def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: s
     return best if np.isfinite(best.score) else None
 
 
-def _explanation(problem: Problem, book: Book, final: Fit, *, searched: bool) -> Explanation:
+def _explanation(
+    problem: Problem, searched: Sequence[Effect], book: Book, final: Fit
+) -> Explanation:
+    """What is told, and how sure it is; nothing was looked for where no effects were searched."""
     whole = _over_whole(problem, final)
     table = book.table
     unknown = beside_what_has_no_name(problem, final) if searched else None
-    beside = unknown or Unknown()
-    named = [_named(problem, table, term, final, beside) for term in final.structure.terms]
+    passing = lookalikes(problem, final, searched) if searched else {}
+    named = [
+        _named(problem, table, term, final, unknown or Unknown(), passing)
+        for term in final.structure.terms
+    ]
     return Explanation(
         fit=final if whole is None else whole,
         named=tuple(sorted(named, key=lambda one: _rank(problem, table, one))),
         table=table,
         gains=book.gains,
-        searched=searched,
+        searched=bool(searched),
         unknown=None if unknown is None else unknown.weight,
         whole=whole is not None,
     )
@@ -303,16 +312,27 @@ def _equivalent(problem: Problem, term: Term, final: Fit) -> dict[str, str]:
     return {name: why for name, why in known.items() if name in CATALOGUE}
 
 
-def _named(problem: Problem, table: Table, term: Term, final: Fit, unknown: Unknown) -> Named:
+def _named(
+    problem: Problem,
+    table: Table,
+    term: Term,
+    final: Fit,
+    unknown: Unknown,
+    passing: Mapping[str, Lookalikes],
+) -> Named:
     name, present = term.effect.name, {other.effect.name for other in final.structure.terms}
     known = _equivalent(problem, term, final)
     equivalent = {other: why for other, why in known.items() if other not in present}
     confidence = table.confidence({name, *equivalent}) if term.effect.fitted else 1.0
+    unlisted = passing[name].without(equivalent) if name in passing else None
+    if unlisted is not None:
+        confidence = unknown.beside(name, confidence) / (1 + unlisted.odds)
     return Named(
         term=term,
-        confidence=unknown.beside(name, confidence),
+        confidence=confidence,
         exchanges=table.exchanges(name, present),
         equivalent=equivalent,
+        lookalikes=unlisted,
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.effects.equivalences import (
     _TABLE,
-    _carriers,
+    carriers,
     equivalences,
     spelled_out,
     wholes,
@@ -131,8 +131,8 @@ def test_a_last_link_in_a_plane_turns_as_its_centre_of_mass_does():
     every = ("position", "velocity", "effort")
     assert "com_offset" in equivalences("encoder_offset", every, robot=robot, joints=("knee",))
     assert "com_offset" not in equivalences("encoder_offset", every, robot=robot, joints=("hip",))
-    assert _carriers(robot, ["arm"]) == ("knee",)
-    assert _carriers(robot, ["upper", "arm"]) == ("hip", "knee")
+    assert carriers(robot, ["arm"]) == ("knee",)
+    assert carriers(robot, ["upper", "arm"]) == ("hip", "knee")
     for bodies, same in ((["arm"], True), (["upper"], False), (["upper", "arm"], False)):
         found = equivalences("com_offset", every, robot=robot, bodies=bodies)
         assert ("encoder_offset" in found) is same

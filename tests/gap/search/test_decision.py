@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from walkerkit.gap.search import book, compare, decision, reduce, score, unknown
+from walkerkit.gap.search import book, compare, decision, lookalikes, reduce, score, unknown
 
 MOST = 10
 # What is drawn, iterated and looked at, of which more can only make the same answer more exact.
@@ -55,6 +55,6 @@ def test_each_says_what_it_means_and_is_on_the_page() -> None:
         assert isinstance(after.value, ast.Constant)
 
 
-@pytest.mark.parametrize("module", [book, compare, reduce, score, unknown])
+@pytest.mark.parametrize("module", [book, compare, lookalikes, reduce, score, unknown])
 def test_no_other_number_decides(module: object) -> None:
     assert constants(module) <= NUMERICS
