@@ -17,7 +17,7 @@ import numpy as np
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.search.buildable import buildable
 from walkerkit.gap.search.effort import Effort, Progress
-from walkerkit.gap.search.naming import Explanation, begin, name_effects
+from walkerkit.gap.search.naming import Explanation, begin, explained, search
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import Slopes, linearised
@@ -59,19 +59,19 @@ def name_with_best_hold(
             first(problem, one)
 
     begun = begin(problem, effects, progress, effort=effort, first=plain)
-    explanation = name_effects(problem, effects, progress, effort=effort, begun=begun)
+    found = search(problem, effects, progress, effort=effort, begun=begun)
     if known is None and begun.searched and not _skips_targets(problem):
         others = [make_problem(one) for one in _OTHERS]
-        better = _better_read(problem, others, explanation.fit, effort)
+        better = _better_read(problem, others, found.fit, effort)
         if better is not None:
-            found = name_effects(better, effects, progress, effort=effort)
+            other = search(better, effects, progress, effort=effort)
             after, before = (
                 one.fit.by_own_error(its.fit).score
-                for one, its in ((better, found), (problem, explanation))
+                for one, its in ((better, other), (problem, found))
             )
             if after < before - _MARGIN:
-                return better, found
-    return problem, replace(explanation, untried=tuple(effort.untried))
+                problem, found = better, other
+    return problem, explained(problem, replace(found, untried=tuple(effort.untried)))
 
 
 def _skips_targets(problem: Problem) -> bool:

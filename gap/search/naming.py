@@ -142,15 +142,53 @@ def begin(
     return Begun(book=book, nothing=nothing, plain=plain, searched=True)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What a search ends with.
+
+    Attributes:
+        fit: what is told, and nothing else.
+        book: what was fitted.
+        effects: those that were looked for; none where the model as given leaves no gap.
+        untried: what the search was not given the time for.
+    """
+
+    fit: Fit
+    book: Book
+    effects: tuple[Effect, ...] = ()
+    untried: tuple[str, ...] = ()
+
+
 def name_effects(
     problem: Problem,
     effects: Sequence[Effect],
     progress: Progress | None = None,
     *,
     effort: Effort | None = None,
-    begun: Begun | None = None,
 ) -> Explanation:
     """Names what explains the recordings that are fitted.
+
+    Args:
+        problem: what is to be explained.
+        effects: the catalogue, or a part of it.
+        progress: called now and then.
+        effort: how much is tried.
+
+    Returns:
+        The explanation, which is empty where nothing is missing.
+    """
+    return explained(problem, search(problem, effects, progress, effort=effort))
+
+
+def search(
+    problem: Problem,
+    effects: Sequence[Effect],
+    progress: Progress | None = None,
+    *,
+    effort: Effort | None = None,
+    begun: Begun | None = None,
+) -> Found:
+    """Finds what is told of the recordings that are fitted.
 
     Args:
         problem: what is to be explained.
@@ -160,27 +198,48 @@ def name_effects(
         begun: what `begin` has of it, where that is known.
 
     Returns:
-        The explanation, which is empty where nothing is missing.
+        What was found, which is nothing where nothing is missing.
     """
     effort = effort or Effort()
     begun = begun or begin(problem, effects, progress, effort=effort)
     book = begun.book
     if not begun.searched:
-        return _explanation(problem, (), book, begun.plain)
-    search = Search(problem, book, effort, progress)
+        return Found(fit=begun.plain, book=book)
+    growth = Search(problem, book, effort, progress)
     rare = [effect for effect in effects if not effect.ordinary]
     with contextlib.suppress(EnoughError):
-        search.rare(rare, begun.plain)
+        growth.rare(rare, begun.plain)
     grown = book.best.fit
-    told = search.compare()
+    told = growth.compare()
     with contextlib.suppress(EnoughError):
-        told = search.once_more(rare, grown, begun.nothing, begun.plain, told)
+        told = growth.once_more(rare, grown, begun.nothing, begun.plain, told)
     final = by_usual_names(problem, told)
     if not _mends(problem, begun.nothing, final):
         final = begun.nothing
-    problem.fit.refine(final)
-    found = _explanation(problem, effects, book, final)
-    return replace(found, untried=tuple(effort.untried))
+    return Found(fit=final, book=book, effects=tuple(effects), untried=tuple(effort.untried))
+
+
+def explained(problem: Problem, found: Found) -> Explanation:
+    """How sure each name is of what was found, and its values over whole rollouts."""
+    problem.fit.refine(found.fit)
+    whole = _over_whole(problem, found.fit)
+    table, searched = found.book.table, bool(found.effects)
+    unknown = beside_what_has_no_name(problem, found.fit) if searched else None
+    passing = lookalikes(problem, found.fit, found.effects) if searched else {}
+    named = [
+        _named(problem, table, term, found.fit, unknown or Unknown(), passing)
+        for term in found.fit.structure.terms
+    ]
+    return Explanation(
+        fit=found.fit if whole is None else whole,
+        named=tuple(sorted(named, key=lambda one: _rank(problem, table, one))),
+        table=table,
+        gains=found.book.gains,
+        searched=searched,
+        unknown=None if unknown is None else unknown.weight,
+        whole=whole is not None,
+        untried=found.untried,
+    )
 
 
 def _mends(problem: Problem, given: Fit, final: Fit) -> bool:
@@ -229,29 +288,6 @@ def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: s
     fits = polished(part.objective, evaluate(part.objective, starts), iterations=REFITS)
     best = min(fits, key=lambda one: one.score)
     return best if np.isfinite(best.score) else None
-
-
-def _explanation(
-    problem: Problem, searched: Sequence[Effect], book: Book, final: Fit
-) -> Explanation:
-    """What is told, and how sure it is; nothing was looked for where no effects were searched."""
-    whole = _over_whole(problem, final)
-    table = book.table
-    unknown = beside_what_has_no_name(problem, final) if searched else None
-    passing = lookalikes(problem, final, searched) if searched else {}
-    named = [
-        _named(problem, table, term, final, unknown or Unknown(), passing)
-        for term in final.structure.terms
-    ]
-    return Explanation(
-        fit=final if whole is None else whole,
-        named=tuple(sorted(named, key=lambda one: _rank(problem, table, one))),
-        table=table,
-        gains=book.gains,
-        searched=bool(searched),
-        unknown=None if unknown is None else unknown.weight,
-        whole=whole is not None,
-    )
 
 
 def _rank(problem: Problem, table: Table, one: Named) -> tuple[float, float]:

@@ -29,7 +29,7 @@ from walkerkit.gap.report.diagnosis import Diagnosis, NamedEffect
 from walkerkit.gap.report.result import Result
 from walkerkit.gap.report.wording import basis, verdict_sentence
 from walkerkit.gap.search import holds, naming
-from walkerkit.gap.search.naming import Explanation
+from walkerkit.gap.search.naming import Found
 from walkerkit.gap.search.problem import Problem
 from walkerkit.tasks.excitation import BATTERY
 
@@ -836,11 +836,11 @@ def test_other_readings_of_targets_are_searched_only_where_they_promise_more(
     """The hardware's friction leaves a gap beside dry friction, whatever the targets are."""
     searched = []
 
-    def name_effects(problem: Problem, *rest: Any, **options: Any) -> Explanation:
+    def search(problem: Problem, *rest: Any, **options: Any) -> Found:
         searched.append(problem.hold)
-        return naming.name_effects(problem, *rest, **options)
+        return naming.search(problem, *rest, **options)
 
-    monkeypatch.setattr(holds, "name_effects", name_effects)
+    monkeypatch.setattr(holds, "search", search)
     found = diagnose(servo, logs(hide("coulomb_friction", frictionloss=0.3)), effects=MOVING)
     assert [named.effect for named in found.effects] == ["coulomb_friction"]
     assert found.gap.position.after > 3 * found.gap.position.noise_floor
