@@ -95,6 +95,10 @@ def main() -> None:
         parser.error(f"--draw is {asked.draw}; draws count from 0")
     count = None if asked.only else asked.cases
     chosen = [c for tier in asked.tier or TIERS for c in cases(tier, count, draw=asked.draw)]
+    names = [case.name for case in chosen]
+    for name in asked.only or ():
+        if name not in names:
+            parser.error(f"no case is called {name}; the first is called {names[0]}")
     if asked.only:
         chosen = [case for case in chosen if case.name in asked.only]
     table = Table("what", "result", "required")

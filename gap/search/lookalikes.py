@@ -7,8 +7,9 @@
 
 What is told may be the nearest name of something that the catalogue does not have. How near such
 things come is seen on the catalogue itself: each effect that is not told is simulated where the
-told one is, as if it were not listed. Beside all else that is told, the told one makes up for a
-part of what that changes. Where this part is as large as that of the gap, it would pass for it.
+told one is, at a few sizes, as if it were not listed. Beside all else that is told, the told one
+makes up for a part of what that changes. Where this part is as large as that of the gap, it would
+pass for it.
 """
 
 from __future__ import annotations
@@ -29,12 +30,13 @@ from walkerkit.gap.search.decision import (
     PRICE_UNKNOWN,
 )
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.signatures import tries_of
+from walkerkit.gap.search.signatures import Tries, tries_of
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Case, Fit, Term
 
 FloatArray = NDArray[np.float64]
 
+_SIZES = 3  # of an effect, that are simulated at most
 _SINGULAR = 1e-3  # of the largest direction of what some changes span
 
 
@@ -147,8 +149,8 @@ class _Seen:
         return [one[np.isfinite(one).all(axis=(1, 2))] for one in found]
 
     def of(self, terms: Sequence[Term]) -> Iterator[tuple[Term, FloatArray]]:
-        """What effects change on top of the fit, at each of their sizes at all places at once."""
-        cases = [tries_of(self.told, term).at_once(self.told) for term in terms]
+        """What effects change on top of the fit, at some of their sizes at all places at once."""
+        cases = [_some(tries_of(self.told, term)).at_once(self.told) for term in terms]
         for group in self.objective.grouped(cases):
             yield from zip(terms[group], self.changes(cases[group]), strict=True)
 
@@ -195,6 +197,14 @@ class _Beside:
         felt = felt[(np.square(felt).sum(axis=1) >= self._least).any(axis=1)]
         shares: FloatArray = 1 - _size(_off(self._its, felt)) / _size(felt)
         return shares
+
+
+def _some(tries: Tries) -> Tries:
+    """A few of an effect's sizes, the first and the last of each place among them."""
+    many = len(tries.places) // len(tries.term.places)
+    sizes = np.unique(np.linspace(0, many - 1, min(many, _SIZES)).astype(int))
+    firsts = many * np.arange(len(tries.term.places))
+    return tries.some((firsts[:, None] + sizes).ravel().tolist())
 
 
 def _where(problem: Problem, told: Term, others: Sequence[Term]) -> tuple[Term, ...]:

@@ -20,6 +20,7 @@ NUMERICS = {
     "_OUT_OF_REACH",
     "_SEED",
     "_SINGULAR",
+    "_SIZES",
     "_STEPS",
     "_SWEEPS",
 }

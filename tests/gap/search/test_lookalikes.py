@@ -123,7 +123,8 @@ def test_shares_are_those_of_least_squares(loaded: tuple[Problem, Fit]) -> None:
         structure = told.structure.with_term(term)
         parameters = [slot.parameter for slot in structure.slots[3:]]
         shares = []
-        for start in zip(*(one.starts for one in parameters), strict=True):
+        starts = [*zip(*(one.starts for one in parameters), strict=True)]
+        for start in {starts[0], starts[(len(starts) - 1) // 2], starts[-1]}:
             made = change(structure, np.append(told.values, start))
             shares.append(1 - left(made, *rest, *its) / left(made, *rest))
         assert found.passing[name] == pytest.approx(np.mean(np.array(shares) >= found.share))
