@@ -16,6 +16,7 @@ from walkerkit.gap.report.diagnosis import NamedEffect, Verdict
 from walkerkit.gap.report.folded import folded
 from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.quantity import percent, quantity
+from walkerkit.gap.report.wording import listed
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.simulation.channel import Channel
 from walkerkit.gap.simulation.commands import Route, by_effort_alone, routes
@@ -392,12 +393,12 @@ def _of_lookalikes(named: NamedEffect) -> Iterator[str]:
     """Why what is named may be of a kind that is not listed."""
     if not named.lookalikes:
         return
-    some, more = named.lookalikes[:_SOME], len(named.lookalikes) - _SOME
-    others = ", ".join(some) + (f" or {more} more" if more > 0 else "")
+    more = len(named.lookalikes) - _SOME
+    others = [*named.lookalikes[:_SOME], *([f"{more} more"] if more > 0 else [])]
     yield (
-        f"{named.effect} makes up for {percent(named.share)} of what its joints lack. If the "
-        f"catalogue had no {others}, it would make up for as much of that: what is there may be of "
-        "a kind that the catalogue does not have."
+        f"{named.effect} makes up for {percent(named.share)} of the gap where it acts. If the "
+        f"catalogue had no {listed(others, 'or')}, it would make up for as much of that: what is "
+        "there may be of a kind that the catalogue does not have."
     )
 
 
