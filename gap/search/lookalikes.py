@@ -83,10 +83,11 @@ def lookalikes(problem: Problem, told: Fit, effects: Sequence[Effect]) -> dict[s
         effects: the catalogue, or a part of it.
 
     Returns:
-        Name of each told effect whose numbers are fitted to what would pass for it.
+        Name of each told effect whose numbers are fitted to what would pass for it; empty where
+        nothing is left, as nothing would.
     """
     terms = [term for term in told.structure.terms if term.effect.fitted]
-    if not terms:
+    if not terms or problem.leaves_nothing(told):
         return {}
     problem.screen.refine(told)
     seen = _Seen(problem, told)

@@ -52,7 +52,7 @@ class Named:
             recording of these channels can tell from it; also beside what the catalogue lacks.
         exchanges: what could be in its place, by name, most probable first.
         equivalent: those that no recording of these channels can tell from it, with the reason.
-        lookalikes: what would pass for it, where its numbers are fitted.
+        lookalikes: what would pass for it, where something is left and its numbers are fitted.
     """
 
     term: Term
@@ -361,11 +361,10 @@ def _named(
     equivalent = {other: why for other, why in known.items() if other not in present}
     confidence = table.confidence({name, *equivalent}) if term.effect.fitted else 1.0
     unlisted = passing[name].without(equivalent) if name in passing else None
-    if unlisted is not None:
-        confidence = unknown.beside(name, confidence) / (1 + unlisted.odds)
+    odds = 0.0 if unlisted is None else unlisted.odds
     return Named(
         term=term,
-        confidence=confidence,
+        confidence=unknown.beside(name, confidence) / (1 + odds),
         exchanges=table.exchanges(name, present),
         equivalent=equivalent,
         lookalikes=unlisted,

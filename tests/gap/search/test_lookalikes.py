@@ -130,9 +130,19 @@ def test_shares_are_those_of_least_squares(loaded: tuple[Problem, Fit]) -> None:
         assert found.passing[name] == pytest.approx(np.mean(np.array(shares) >= found.share))
 
 
-def test_what_is_there_is_mistaken_for_by_little(problem: Make) -> None:
+def test_what_leaves_nothing_would_pass_for_nothing(problem: Make) -> None:
+    servo = problem("viscous_friction", damping=0.3)
+    told = fitted(servo, "viscous_friction")
+    assert servo.leaves_nothing(told)
+    assert lookalikes(servo, told, [*CATALOGUE.values()]) == {}
+
+
+def test_what_is_there_would_pass_for_little(problem: Make) -> None:
+    """The simulated hardware rubs with bristles, so that dry friction leaves a little."""
     servo = problem("coulomb_friction", frictionloss=0.5)
-    found = lookalikes(servo, fitted(servo, *FRICTION), [*CATALOGUE.values()])["coulomb_friction"]
+    told = fitted(servo, *FRICTION)
+    assert not servo.leaves_nothing(told)
+    found = lookalikes(servo, told, [*CATALOGUE.values()])["coulomb_friction"]
     assert found.share > 0.99
     assert len(found.passing) > 20
     assert found.odds < 0.02
