@@ -104,7 +104,7 @@ class NamedEffect:
         gaps_after: as `gap_after`, by signal; not in the JSON.
         equivalent: those of them that no recording of these signals can tell from it, each with the
             reason, a sentence; `reasons` in the JSON.
-        share: part of what its joints lack, above the noise, that it makes up for; NaN where that
+        share: part of the gap where it acts, above the noise, that it makes up for; NaN where that
             is not known; not in the JSON.
         lookalikes: effects that would pass for it if the catalogue did not have them; not in the
             JSON.

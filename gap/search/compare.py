@@ -93,8 +93,14 @@ class Member:
 
 def log_prior(effect: str, places: int) -> float:
     """Log prior odds of an effect at so many places that are not doubted."""
-    kind = PRICE_UNKNOWN if effect == FREE_EFFORT.name else 0.0 if _ordinary(effect) else PRICE_RARE
-    return -PRICE_PLACE * places - (kind if places else 0.0)
+    return -PRICE_PLACE * places - (price_of_kind(effect) if places else 0.0)
+
+
+def price_of_kind(effect: str) -> float:
+    """Log prior odds against an effect, wherever it is."""
+    if effect == FREE_EFFORT.name:
+        return PRICE_UNKNOWN
+    return 0.0 if _ordinary(effect) else PRICE_RARE
 
 
 def rare_effects(structure: Structure) -> Rare:

@@ -10,7 +10,6 @@ end of a period what was commanded in it. What was named tells which.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -71,7 +70,7 @@ def name_with_best_hold(
             )
             if after < before - _MARGIN:
                 problem, found = better, other
-    return problem, explained(problem, replace(found, untried=tuple(effort.untried)))
+    return problem, explained(problem, found, effort)
 
 
 def _skips_targets(problem: Problem) -> bool:

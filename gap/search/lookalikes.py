@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import EVERYWHERE, Effect
 from walkerkit.gap.effects.equivalences import carriers
+from walkerkit.gap.search.compare import price_of_kind
 from walkerkit.gap.search.decision import (
     LEAST_CHANGE,
     NUMERICAL_LEFT,
-    PRICE_RARE,
     PRICE_UNKNOWN,
 )
 from walkerkit.gap.search.problem import Problem
@@ -105,7 +105,7 @@ def lookalikes(problem: Problem, told: Fit, effects: Sequence[Effect]) -> dict[s
                     passing[name][other.effect.name] = part
     return {
         term.effect.name: Lookalikes(
-            price=0.0 if term.effect.ordinary or _doubted(term) else PRICE_RARE,
+            price=0.0 if _doubted(term) else price_of_kind(term.effect.name),
             share=beside[term.effect.name].share,
             passing=passing[term.effect.name],
         )

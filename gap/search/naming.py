@@ -150,13 +150,11 @@ class Found:
         fit: what is told, and nothing else.
         book: what was fitted.
         effects: those that were looked for; none where the model as given leaves no gap.
-        untried: what the search was not given the time for.
     """
 
     fit: Fit
     book: Book
     effects: tuple[Effect, ...] = ()
-    untried: tuple[str, ...] = ()
 
 
 def name_effects(
@@ -177,7 +175,8 @@ def name_effects(
     Returns:
         The explanation, which is empty where nothing is missing.
     """
-    return explained(problem, search(problem, effects, progress, effort=effort))
+    effort = effort or Effort()
+    return explained(problem, search(problem, effects, progress, effort=effort), effort)
 
 
 def search(
@@ -185,7 +184,7 @@ def search(
     effects: Sequence[Effect],
     progress: Progress | None = None,
     *,
-    effort: Effort | None = None,
+    effort: Effort,
     begun: Begun | None = None,
 ) -> Found:
     """Finds what is told of the recordings that are fitted.
@@ -200,7 +199,6 @@ def search(
     Returns:
         What was found, which is nothing where nothing is missing.
     """
-    effort = effort or Effort()
     begun = begun or begin(problem, effects, progress, effort=effort)
     book = begun.book
     if not begun.searched:
@@ -216,10 +214,10 @@ def search(
     final = by_usual_names(problem, told)
     if not _mends(problem, begun.nothing, final):
         final = begun.nothing
-    return Found(fit=final, book=book, effects=tuple(effects), untried=tuple(effort.untried))
+    return Found(fit=final, book=book, effects=tuple(effects))
 
 
-def explained(problem: Problem, found: Found) -> Explanation:
+def explained(problem: Problem, found: Found, effort: Effort) -> Explanation:
     """How sure each name is of what was found, and its values over whole rollouts."""
     problem.fit.refine(found.fit)
     whole = _over_whole(problem, found.fit)
@@ -238,7 +236,7 @@ def explained(problem: Problem, found: Found) -> Explanation:
         searched=searched,
         unknown=None if unknown is None else unknown.weight,
         whole=whole is not None,
-        untried=found.untried,
+        untried=tuple(effort.untried),
     )
 
 
