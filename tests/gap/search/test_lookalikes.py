@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.gap.servo import SERVO
+from tests.gap.servo import SERVO, recorded
 from walkerkit import gap
 from walkerkit.gap.effects import CATALOGUE, Effect
 from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.recordings.recording import Recording
-from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search.decision import NUMERICAL_LEFT, PRICE_RARE, PRICE_UNKNOWN
 from walkerkit.gap.search.fit import evaluate
@@ -26,9 +25,7 @@ from walkerkit.gap.search.settle import settled
 from walkerkit.gap.search.slopes import linearised
 from walkerkit.gap.search.structure import Case, Fit, Structure, extended
 from walkerkit.gap.workflow import prepare
-from walkerkit.tasks.excitation import BATTERY
 
-RATE, SECONDS = 250.0, 3.0
 FRICTION = ("viscous_friction", "armature", "coulomb_friction")
 OTHERS = ("stribeck_friction", "pose_dependent_friction", "parallel_spring", "torque_bias")
 
@@ -44,14 +41,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Logs:
     model.write_text(SERVO)
 
     def record(effect: str, **values: float) -> tuple[Path, list[Recording]]:
-        time = np.arange(0.0, SECONDS, 1 / RATE)
-        rng, room = np.random.default_rng(0), np.array([0.9])
-        targets = [
-            BATTERY[name](time, lower=-room, upper=room, rng=rng, max_velocity=6.0)
-            for name in ("multisine", "slow_triangle", "chirp")
-        ]
-        hidden = [HiddenEffect(effect=effect, joints=("knee",), values=values)]
-        return model, run_hardware(model, targets, rate=RATE, hidden=hidden, seed=1)
+        return model, recorded(model, HiddenEffect(effect=effect, joints=("knee",), values=values))
 
     return record
 
@@ -183,8 +173,8 @@ def test_what_is_doubted_is_as_likely_as_what_is_usual(loaded: tuple[Problem, Fi
 
 
 def test_the_result_says_for_what_a_name_would_pass(logs: Logs) -> None:
-    model, recorded = logs("load_dependent_friction", coefficient=0.3)
-    told = gap.diagnose(model, recorded, effects=[*FRICTION, *OTHERS], n_threads=1).diagnosis
+    model, recordings = logs("load_dependent_friction", coefficient=0.3)
+    told = gap.diagnose(model, recordings, effects=[*FRICTION, *OTHERS], n_threads=1).diagnosis
     assert told.effects
     assert all(effect.confidence < 0.9 for effect in told.effects)
     said = [note for note in told.notes if "of a kind that the catalogue does not have" in note]

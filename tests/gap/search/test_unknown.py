@@ -9,12 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from tests.gap.servo import SERVO
+from tests.gap.servo import SERVO, recorded
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.experiments.experiment import load_experiments
 from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.recordings.segments import whole
-from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search.free_effort import FREE_EFFORT, shapes
 from walkerkit.gap.search.naming import Explanation, name_effects
@@ -25,9 +24,7 @@ from walkerkit.gap.simulation.replay import Replay
 from walkerkit.gap.simulation.robot import Excursion, Robot
 from walkerkit.gap.simulation.trials import Trials
 from walkerkit.gap.workflow import prepare
-from walkerkit.tasks.excitation import BATTERY
 
-RATE, SECONDS = 250.0, 3.0
 LACKING = ("viscous_friction", "coulomb_friction", "armature", "position_gain", "torque_bias")
 
 
@@ -38,13 +35,7 @@ def explained(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Explana
     model.write_text(SERVO)
 
     def explain(*hidden: HiddenEffect, effects: Sequence[str] = LACKING) -> Explanation:
-        time = np.arange(0.0, SECONDS, 1 / RATE)
-        rng, room = np.random.default_rng(0), np.array([0.9])
-        targets = [
-            BATTERY[name](time, lower=-room, upper=room, rng=rng, max_velocity=6.0)
-            for name in ("multisine", "slow_triangle", "chirp")
-        ]
-        logs = run_hardware(model, targets, rate=RATE, hidden=hidden, seed=1)
+        logs = recorded(model, *hidden)
         problem = prepare(load_experiments(model, logs), window=0.5, n_threads=1)
         return name_effects(problem.problem("zero_order"), [CATALOGUE[name] for name in effects])
 
