@@ -16,8 +16,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from walkerkit.gap.search.compare import Table, is_worth_a_name
+from walkerkit.gap.search.compare import Member, Table, is_worth_a_name
 from walkerkit.gap.search.fit import evaluate, polish_each
 from walkerkit.gap.search.free_effort import FREE_EFFORT
 from walkerkit.gap.search.objective import Objective
@@ -26,7 +27,10 @@ from walkerkit.gap.search.reduce import Reduction
 from walkerkit.gap.search.slopes import Slopes, near_slopes
 from walkerkit.gap.search.structure import Fit, Term, carried, extended
 
+FloatArray = NDArray[np.float64]
+
 _STEPS = 12  # of a fit
+_LEAST_TOLD = 0.01  # of a weight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +80,9 @@ def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
     near = [*([term] for term in usual), *([effects] if len(effects) > 1 else [])]
     members = [reduction.whole]
     for gone, near_enough in ((near, True), ([[term] for term in rare], False)):
-        starts = [_without(reduction, beside, terms) for terms in gone]
+        weights = _at_most(named, reduction, gone)
+        tried = [terms for terms, w in zip(gone, weights, strict=True) if w >= _LEAST_TOLD]
+        starts = [_without(reduction, beside, terms) for terms in tried]
         found = _fitted(objective, starts, slopes, near_enough=near_enough)
         members += [_reduction(problem, objective, *one).whole for one in found]
     weights = Table((named, *members)).weights[1:]
@@ -86,6 +92,17 @@ def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
         has = [term.effect.name in member.effects for member in members]
         confidence[term.effect.name] = min(1.0, float(weights[has].sum()) / free_at_all)
     return Unknown(weight=min(1.0, free_at_all), confidence=confidence)
+
+
+def _at_most(named: Member, reduction: Reduction, gone: Sequence[Sequence[Term]]) -> FloatArray:
+    """(n,) weights without some effects each, as if a free effort made up for all of them."""
+    whole, members = reduction.whole, [named, reduction.whole]
+    for terms in gone:
+        names = {term.effect.name for term in terms}
+        free = [k for unit, own in reduction.units.items() if unit[0] in names for k in own]
+        effects = {name: places for name, places in whole.effects.items() if name not in names}
+        members.append(replace(whole, effects=effects, kept=np.setdiff1d(whole.kept, free)))
+    return Table(tuple(members)).weights[2:]
 
 
 def _fitted(

@@ -13,6 +13,7 @@ MOST = 10
 # What is drawn, iterated and looked at, of which more can only make the same answer more exact.
 NUMERICS = {
     "_DRAWS",
+    "_LEAST_TOLD",
     "_LONGEST",
     "_MOST_BY_THEMSELVES",
     "_MOST_IN_THE_RUNNING",
