@@ -105,6 +105,9 @@ class DrivetrainLaw(abc.ABC):
     targets_only: ClassVar[bool] = False
     """It reads and changes nothing but targets, by the time: what it makes of a whole series of
     them can be known beforehand."""
+    constant: ClassVar[bool] = False
+    """It reads nothing of the step and remembers nothing, and is of the joint: it adds the same
+    effort and friction to every step."""
 
     joint_names_expr: tuple[str, ...] = names()
 

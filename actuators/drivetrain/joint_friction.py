@@ -42,6 +42,7 @@ class AsymmetricFriction(DrivetrainLaw):
     stage: ClassVar[Stage] = "joint"
     neutral: ClassVar[Mapping[str, float]] = {"forward": 0.0, "backward": 0.0}
     sizes: ClassVar[int] = 2
+    constant: ClassVar[bool] = True
     forward: Numbers = number(at_least=0)
     backward: Numbers = number(at_least=0)
 

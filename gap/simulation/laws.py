@@ -4,9 +4,12 @@
     ctrl, ahead = laws.controlled(ctrl, time)   # what the controllers make of the targets
     if laws.runs:                               # something is left to be run step by step
         rollout, changed = rollout_with_laws(batch, state, laws=laws, ctrl=..., time=..., ...)
+    else:
+        effort, friction = laws.constant()      # what the others add to every step
 
-Laws of the controller that see nothing but targets are run over all of these beforehand, so that
-the simulation itself runs natively where there are no others.
+Laws of the controller that see nothing but targets are run over all of these beforehand, and what
+others add to every step alike is added to the model, so that the simulation itself runs natively
+where there are no others.
 """
 
 from __future__ import annotations
@@ -121,7 +124,13 @@ class Laws:
     @property
     def runs(self) -> bool:
         """Whether something is to be run step by step."""
-        return bool(self.stepwise) or self.programs is not None
+        return self.programs is not None or not all(law.constant for law, _ in self.stepwise)
+
+    def constant(self) -> tuple[FloatArray, FloatArray]:
+        """(n_sims, n_joints) effort and dry friction that they add to every step, if none runs."""
+        step = self.step()
+        self.bank().run("joint", step)
+        return step.extra, step.friction
 
     @property
     def present(self) -> NDArray[np.bool_]:

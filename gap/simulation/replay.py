@@ -234,6 +234,8 @@ class Replay:
             )
         if laws is not None and lawful:
             asked = replace(asked, past=_past(group, asked, laws, sent, timing, encoders))
+        elif laws is not None and laws.stepwise:
+            asked = _with_what_is_constant(asked, laws)
         rollout, changed = yield asked
         if laws is not None and not lawful and sent.ahead is not None:
             made = rollout.records.get("qfrc_actuator")
@@ -452,6 +454,20 @@ def _command_delays(
             own[merged, drive.actuator] = 0
             fields["actuator_delay"] = own
     return fields, late
+
+
+def _with_what_is_constant(asked: Asked, laws: Laws) -> Asked:
+    """A rollout with what laws add to every step alike, as dry friction and effort of its own."""
+    effort, friction = laws.constant()
+    dofs = [joint.dof for joint in laws.joints]
+    model, name = asked.model, "dof_frictionloss"
+    own = asked.fields.get(name)
+    dry = np.tile(model.dof_frictionloss, (asked.n_sims, 1)) if own is None else own.copy()
+    dry[:, dofs] = np.maximum(dry[:, dofs] + friction, 0.0)
+    shape = asked.n_sims, asked.n_steps, model.nv
+    applied = np.zeros(shape) if asked.applied is None else asked.applied.copy()
+    applied[:, :, dofs] += effort[:, None]
+    return replace(asked, fields={**asked.fields, name: dry}, applied=applied)
 
 
 def _past(

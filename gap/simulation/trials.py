@@ -137,10 +137,10 @@ class Trials:
 
     @property
     def stepwise(self) -> NDArray[np.bool_]:
-        """(n,) whether a law does anything that cannot be known before the simulation."""
+        """(n,) whether a law does anything that is not known before the simulation."""
         if self.robot.programs:
             return np.ones(self.n, dtype=bool)
-        return self._acting([key for key in self.laws if not key[0].targets_only])
+        return self._acting([k for k in self.laws if not (k[0].targets_only or k[0].constant)])
 
     def _acting(self, laws: Sequence[tuple[type[DrivetrainLaw], str, str]]) -> NDArray[np.bool_]:
         active = np.zeros(self.n, dtype=bool)

@@ -132,6 +132,19 @@ def test_a_law_that_remembers_nothing_does_the_same_in_every_step():
         np.testing.assert_array_equal(found[name], found[name][:1].repeat(3, axis=0))
 
 
+@pytest.mark.parametrize("name", [name for name, law in LAWS.items() if law.constant])
+def test_a_law_that_is_constant_adds_the_same_to_every_step(name):
+    series = motion(1)
+    with_law, without = run(laws_of([(name,)]), series), run(LawBank([], (1, JOINTS), STEP), series)
+    for written in WRITTEN:
+        added = with_law[written] - without[written]
+        if written in ("extra", "friction"):
+            np.testing.assert_array_equal(added, added[:1].repeat(len(added), axis=0))
+        else:
+            assert not added.any()
+    assert (LAWS[name].stage, LAWS[name].state) == ("joint", ())
+
+
 def test_a_law_does_something_in_its_simulation_and_nothing_in_others():
     series = motion(len(SIMULATIONS))
     with_law = run(laws_of(SIMULATIONS), series)

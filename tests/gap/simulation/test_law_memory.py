@@ -6,6 +6,7 @@ import pytest
 
 from walkerkit.actuators.drivetrain import (
     ActuatorLag,
+    AsymmetricFriction,
     IntegralAction,
     LoopDelay,
     SampleAndHold,
@@ -96,6 +97,23 @@ def test_laws_of_targets_run_beforehand_as_in_lock_step(law, parameters, hip, mo
     if hip:  # what its filter remembers at the start, it has from targets as they come
         monkeypatch.setattr(Trials, "stepwise", Trials.with_laws)
     np.testing.assert_allclose(beforehand, predict(robot, segments, trials), atol=1e-12)
+
+
+@pytest.mark.parametrize("rate", [None, 1.1], ids=["alone", "beside_a_limit_of_targets"])
+def test_what_laws_add_to_every_step_runs_natively_as_in_lock_step(rate, monkeypatch):
+    robot, segments = arm(), whole(swinging(1.0))
+    trials = Trials(robot, 2)
+    trials.field("dof_frictionloss")[:] = 0.05
+    if rate is not None:
+        trials.law(SlewLimit, "knee")["rate"][:] = rate
+    trials.law(AsymmetricFriction, "hip")["forward"][:] = 0.3, 0.0
+    trials.law(AsymmetricFriction, "hip")["backward"][:] = 0.1, 0.0
+    assert not trials.stepwise.any()
+    natively = predict(robot, segments, trials)
+    assert np.abs(natively[0] - natively[1]).max() > 1e-2
+    monkeypatch.setattr(AsymmetricFriction, "constant", False)
+    assert trials.stepwise.tolist() == [True, False]
+    np.testing.assert_array_equal(natively, predict(robot, segments, trials))
 
 
 MEMORIES = [
