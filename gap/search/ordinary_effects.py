@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import Effect, Parameter
 from walkerkit.gap.search.effort import Progress
-from walkerkit.gap.search.fit import evaluate, polished
+from walkerkit.gap.search.fit import best_of, evaluate, polished
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.like_joints import tied
+from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.on_feet import on_feet
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.settle import robustly, settled, trust_in_the_light_of
-from walkerkit.gap.search.slopes import linearised
+from walkerkit.gap.search.settle import robustly_settled
 from walkerkit.gap.search.structure import Case, Fit, Slot, Structure, Term, carried, extended
 from walkerkit.gap.simulation.robot import Robot
 
@@ -30,6 +30,7 @@ FloatArray = NDArray[np.float64]
 
 _STEPS, _FIRST_STEPS = 8, 4  # of a fit to a part, the most, and up to the first answer
 _FACTORS = (0.01, 0.1, 10.0, 100.0)  # on servo gains, that a fit may begin with
+_FINER = 5  # steps of delays in one that is as long as their scale
 _PASSES = 2  # of fitting and finding the numerical error again
 _STAGE = "ordinary effects"
 
@@ -65,12 +66,10 @@ def ground(
     if few is not None:
         return on_feet(problem, effects, few, found, progress=progress, first=first)
     for part in problem.parts:
-        if part is not problem.fit:
-            found, first = _fitted_to_a_part(part, found, progress, first), None
-    found = settled(problem.fit, found, passes=_PASSES, progress=progress, stage=_STAGE)
-    if trust_in_the_light_of(problem.fit, found, problem.noise) is not None:
-        slopes = linearised(problem.fit.objective, found)
-        found = robustly(problem.fit, found, slopes, problem.noise)
+        found, first = _fitted_to_a_part(part, found, progress, first), None
+    found = robustly_settled(
+        *(problem.fit, found, problem.noise), passes=_PASSES, progress=progress, stage=_STAGE
+    )
     if first is not None:
         first(found)
     return found
@@ -138,24 +137,55 @@ def _fitted_to_a_part(
         found = improved(start, _FIRST_STEPS)
         first(found)
     part.refine(start)
-    return _late_last_too(improved, start, found)
+    return _delays_by_themselves_too(part.objective, improved, start, found)
 
 
-def _late_last_too(improved: Callable[[Fit], Fit], start: Fit, further: Fit) -> Fit:
-    """The better of a fit of all at once, from further on, and one of delays last, from a start.
+def _delays_by_themselves_too(
+    objective: Objective, improved: Callable[[Fit], Fit], start: Fit, further: Fit
+) -> Fit:
+    """The best fit of all at once: from further on, and from a start with delays last, or first.
 
-    A delay stands in for friction and gains where it is let loose first, and may not come back.
+    A delay stands in for friction and gains where it is let loose with them, and may not come back;
+    and so may they for a delay, which is better by itself then.
     """
     structure, found = start.structure, improved(further)
-    prompt = [t for t in structure.terms if not any(p.is_delay for p in _parameters(structure, t))]
-    if not 0 < len(prompt) < len(structure.terms):
+    late = [t for t in structure.terms if any(p.is_delay for p in _parameters(structure, t))]
+    prompt = [t for t in structure.terms if t not in late]
+    if not (late and prompt):
         return found
-    fewer = replace(structure, terms=tuple(prompt))
-    values = carried(start.values, structure, fewer)
-    without = improved(replace(start, structure=fewer, values=values))
-    values = carried(without.values, fewer, structure)
-    late_last = improved(replace(start, structure=structure, values=values))
-    return min(found, late_last, key=lambda one: one.score)
+
+    def of_some(terms: Sequence[Term]) -> Case:
+        fewer = replace(structure, terms=tuple(terms))
+        return Case(structure=fewer, values=carried(start.values, structure, fewer)[None])
+
+    def of_all(some: Fit) -> Fit:
+        values = carried(some.values, some.structure, structure)
+        return improved(replace(start, structure=structure, values=values))
+
+    (without,) = best_of(objective, [of_some(prompt)])
+    found = min(found, of_all(improved(without)), key=lambda one: one.score)
+    delays = improved(_of_any_length(objective, of_some(late)))
+    if delays.score < found.score:
+        found = min(found, of_all(delays), key=lambda one: one.score)
+    return found
+
+
+def _of_any_length(objective: Objective, delays: Case) -> Fit:
+    """The best of delays as they are and others that are all alike.
+
+    They are tried in steps of their scale and then in smaller ones: a stiff servo is at its limit
+    wherever targets are off by more than a little, so that slopes do not lead there.
+    """
+    structure = delays.structure
+    (lower, upper), scale = structure.bounds, structure.scale
+    alike = np.arange(np.max(upper / scale) + 1)[:, None] * scale
+    near = np.arange(1 - _FINER, _FINER)[:, None] * scale / _FINER
+    tried = np.concatenate([delays.values, alike])
+    for _ in range(2):
+        case = Case(structure=structure, values=np.clip(tried, lower, upper))
+        (best,) = best_of(objective, [case])
+        tried = best.values + near
+    return best
 
 
 def _parameters(structure: Structure, term: Term) -> list[Parameter]:

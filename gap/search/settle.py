@@ -23,7 +23,7 @@ from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.score import Wildness
-from walkerkit.gap.search.slopes import Slopes, near_slopes
+from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes
 from walkerkit.gap.search.structure import Fit
 
 FloatArray = NDArray[np.float64]
@@ -110,26 +110,49 @@ def robustly(
     if not len(one.values) or not np.isfinite(one.score):
         return one
 
-    def seen(one: Fit) -> FloatArray:
-        half.refine(one)
-        found: FloatArray = half.objective.residuals([one.case])[0][0]
-        return found
-
     def made() -> Fit:
-        best, residual = one, seen(one)
+        best, residual = one, _residual(half, one)
         wildness = Wildness(half.objective, residual, noise)
         for _ in range(_WEIGHINGS):
             trusting = half.trusting(wildness.trust(residual))
             trusting.refine(best)
             its = slopes.trusting(trusting.objective, best)
             better, _ = polish(trusting.objective, best, its, iterations=_REWEIGHED, certain=False)
-            there = seen(better)
+            there = _residual(half, better)
             if wildness.density(there) <= wildness.density(residual):
                 break
             best, residual = better, there
         return best
 
     return _in_one(half, one, made)
+
+
+def robustly_settled(half: Half, start: Fit, noise: FloatArray, *, passes: int, **how: Any) -> Fit:
+    """A settled fit, moved on where few wild blocks hold most of its gaps.
+
+    Wild blocks may also draw it to where nothing else fits. It is moved on from its start then,
+    where blocks are likelier as they count in the comparison.
+
+    Args:
+        half: the recordings.
+        start: structure and values, found on parts of them.
+        noise: (n_scored,) of the measurement.
+        passes: as in `settled`.
+        **how: the same.
+
+    Returns:
+        The fit, at which the half is refined.
+    """
+    found = settled(half, start, passes=passes, **how)
+    residual = _residual(half, found)
+    wildness = Wildness(half.objective, residual, noise)
+    there = _residual(half, start)
+    if wildness.density(there) > wildness.density(residual):
+        found = start
+    found = half.by_own_error(found)
+    if trust_in_the_light_of(half, found, noise) is None:
+        return found
+    return robustly(half, found, linearised(half.objective, found), noise)
 
 
 def without_the_wild(problem: Problem, current: Fit) -> Problem | None:
@@ -169,10 +192,16 @@ def trust_in_the_light_of(half: Half, current: Fit, noise: FloatArray) -> FloatA
 
 def _trust(half: Half, current: Fit, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(n_blocks, n_scored) how much blocks count beside a fit, and their sums of squares."""
-    half.refine(current)
-    (residual,) = half.objective.residuals([current.case])[0]
+    residual = _residual(half, current)
     trust = Wildness(half.objective, residual, noise).trust(residual)
     return trust, half.objective.block_squares(residual)
+
+
+def _residual(half: Half, one: Fit) -> FloatArray:
+    """(rows, n_scored) that of a fit, by its own numerical error."""
+    half.refine(one)
+    found: FloatArray = half.objective.residuals([one.case])[0][0]
+    return found
 
 
 def _in_one(half: Half, start: Fit, make: Callable[[], Fit]) -> Fit:
