@@ -154,23 +154,24 @@ def _delays_by_themselves_too(
     if not (late and prompt):
         return found
 
-    def of_some(terms: Sequence[Term]) -> Case:
-        fewer = replace(structure, terms=tuple(terms))
-        return Case(structure=fewer, values=carried(start.values, structure, fewer)[None])
+    def on(other: Structure, one: Fit) -> Fit:
+        values = carried(one.values, one.structure, other)
+        return replace(start, structure=other, values=values)
+
+    def of_some(terms: Sequence[Term]) -> Fit:
+        return on(replace(structure, terms=tuple(terms)), start)
 
     def of_all(some: Fit) -> Fit:
-        values = carried(some.values, some.structure, structure)
-        return improved(replace(start, structure=structure, values=values))
+        return improved(on(structure, some))
 
-    (without,) = best_of(objective, [of_some(prompt)])
-    found = min(found, of_all(improved(without)), key=lambda one: one.score)
+    found = min(found, of_all(improved(of_some(prompt))), key=lambda one: one.score)
     delays = improved(_of_any_length(objective, of_some(late)))
     if delays.score < found.score:
         found = min(found, of_all(delays), key=lambda one: one.score)
     return found
 
 
-def _of_any_length(objective: Objective, delays: Case) -> Fit:
+def _of_any_length(objective: Objective, delays: Fit) -> Fit:
     """The best of delays as they are and others that are all alike.
 
     They are tried in steps of their scale and then in smaller ones: a stiff servo is at its limit
@@ -178,9 +179,9 @@ def _of_any_length(objective: Objective, delays: Case) -> Fit:
     """
     structure = delays.structure
     (lower, upper), scale = structure.bounds, structure.scale
-    alike = np.arange(np.max(upper / scale) + 1)[:, None] * scale
+    alike = np.arange(np.floor(np.min(lower / scale)), np.max(upper / scale) + 1)[:, None] * scale
     near = np.arange(1 - _FINER, _FINER)[:, None] * scale / _FINER
-    tried = np.concatenate([delays.values, alike])
+    tried = np.concatenate([delays.values[None], alike])
     for _ in range(2):
         case = Case(structure=structure, values=np.clip(tried, lower, upper))
         (best,) = best_of(objective, [case])

@@ -25,7 +25,7 @@ from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import Reduction
 from walkerkit.gap.search.slopes import Slopes, near_slopes
-from walkerkit.gap.search.structure import Fit, Term, carried, extended
+from walkerkit.gap.search.structure import Fit, Term, Unit, carried, extended
 
 FloatArray = NDArray[np.float64]
 
@@ -72,15 +72,16 @@ def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
     free = Term(effect=FREE_EFFORT, sites=tuple(problem.joints))
     ((beside, slopes),) = _fitted(objective, [extended(as_told, [free])])
     reduction = _reduction(problem, objective, beside, slopes)
-    if not is_worth_a_name(named, reduction.whole, joints):
+    whole = reduction.whole
+    if not is_worth_a_name(named, whole, joints):
         return Unknown()
     # What is ordinary is near where slopes say that it goes, what is rare need not be.
     rare, usual = told.structure.rare, [t for t in told.structure.terms if t.effect.ordinary]
     effects = [*usual, *rare]
     near = [*([term] for term in usual), *([effects] if len(effects) > 1 else [])]
-    members = [reduction.whole]
+    members = [whole]
     for gone, near_enough in ((near, True), ([[term] for term in rare], False)):
-        weights = _at_most(named, reduction, gone)
+        weights = _at_most(named, whole, reduction.units, gone)
         tried = [terms for terms, w in zip(gone, weights, strict=True) if w >= _LEAST_TOLD]
         starts = [_without(reduction, beside, terms) for terms in tried]
         found = _fitted(objective, starts, slopes, near_enough=near_enough)
@@ -94,14 +95,19 @@ def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
     return Unknown(weight=min(1.0, free_at_all), confidence=confidence)
 
 
-def _at_most(named: Member, reduction: Reduction, gone: Sequence[Sequence[Term]]) -> FloatArray:
+def _at_most(
+    named: Member,
+    beside: Member,
+    units: Mapping[Unit, NDArray[np.intp]],
+    gone: Sequence[Sequence[Term]],
+) -> FloatArray:
     """(n,) weights without some effects each, as if a free effort made up for all of them."""
-    whole, members = reduction.whole, [named, reduction.whole]
+    members = [named, beside]
     for terms in gone:
         names = {term.effect.name for term in terms}
-        free = [k for unit, own in reduction.units.items() if unit[0] in names for k in own]
-        effects = {name: places for name, places in whole.effects.items() if name not in names}
-        members.append(replace(whole, effects=effects, kept=np.setdiff1d(whole.kept, free)))
+        free = [k for unit, own in units.items() if unit[0] in names for k in own]
+        effects = {name: places for name, places in beside.effects.items() if name not in names}
+        members.append(replace(beside, effects=effects, kept=np.setdiff1d(beside.kept, free)))
     return Table(tuple(members)).weights[2:]
 
 
