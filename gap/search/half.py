@@ -86,9 +86,13 @@ class Half:
 
     def by_own_error(self, fit: Fit) -> Fit:
         """A fit with the score that it has in the light of its own numerical error."""
+        return self.objective.at(fit, self.residual(fit))
+
+    def residual(self, fit: Fit) -> FloatArray:
+        """(rows, n_scored) that of a fit in the light of its own numerical error."""
         self.refine(fit)
-        (residual,) = self.objective.residuals([fit.case])[0]
-        return self.objective.at(fit, residual)
+        found: FloatArray = self.objective.residuals([fit.case])[0][0]
+        return found
 
     def refine(self, fit: Fit, residual: FloatArray | None = None) -> None:
         """Finds the simulation's numerical error at a fit, whose residual with it may be known."""

@@ -111,14 +111,14 @@ def robustly(
         return one
 
     def made() -> Fit:
-        best, residual = one, _residual(half, one)
+        best, residual = one, half.residual(one)
         wildness = Wildness(half.objective, residual, noise)
         for _ in range(_WEIGHINGS):
             trusting = half.trusting(wildness.trust(residual))
             trusting.refine(best)
             its = slopes.trusting(trusting.objective, best)
             better, _ = polish(trusting.objective, best, its, iterations=_REWEIGHED, certain=False)
-            there = _residual(half, better)
+            there = half.residual(better)
             if wildness.density(there) <= wildness.density(residual):
                 break
             best, residual = better, there
@@ -144,9 +144,9 @@ def robustly_settled(half: Half, start: Fit, noise: FloatArray, *, passes: int, 
         The fit, at which the half is refined.
     """
     found = settled(half, start, passes=passes, **how)
-    residual = _residual(half, found)
+    residual = half.residual(found)
     wildness = Wildness(half.objective, residual, noise)
-    there = _residual(half, start)
+    there = half.residual(start)
     if wildness.density(there) > wildness.density(residual):
         found = start
     found = half.by_own_error(found)
@@ -192,16 +192,9 @@ def trust_in_the_light_of(half: Half, current: Fit, noise: FloatArray) -> FloatA
 
 def _trust(half: Half, current: Fit, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(n_blocks, n_scored) how much blocks count beside a fit, and their sums of squares."""
-    residual = _residual(half, current)
+    residual = half.residual(current)
     trust = Wildness(half.objective, residual, noise).trust(residual)
     return trust, half.objective.block_squares(residual)
-
-
-def _residual(half: Half, one: Fit) -> FloatArray:
-    """(rows, n_scored) that of a fit, by its own numerical error."""
-    half.refine(one)
-    found: FloatArray = half.objective.residuals([one.case])[0][0]
-    return found
 
 
 def _in_one(half: Half, start: Fit, make: Callable[[], Fit]) -> Fit:

@@ -25,7 +25,7 @@ from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import Reduction
 from walkerkit.gap.search.slopes import Slopes, near_slopes
-from walkerkit.gap.search.structure import Fit, Term, Unit, carried, extended
+from walkerkit.gap.search.structure import Fit, Term, carried, extended
 
 FloatArray = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
     near = [*([term] for term in usual), *([effects] if len(effects) > 1 else [])]
     members = [whole]
     for gone, near_enough in ((near, True), ([[term] for term in rare], False)):
-        weights = _at_most(named, whole, reduction.units, gone)
+        weights = _at_most(named, whole, gone)
         tried = [terms for terms, w in zip(gone, weights, strict=True) if w >= _LEAST_TOLD]
         starts = [_without(reduction, beside, terms) for terms in tried]
         found = _fitted(objective, starts, slopes, near_enough=near_enough)
@@ -95,19 +95,14 @@ def beside_what_has_no_name(problem: Problem, told: Fit) -> Unknown | None:
     return Unknown(weight=min(1.0, free_at_all), confidence=confidence)
 
 
-def _at_most(
-    named: Member,
-    beside: Member,
-    units: Mapping[Unit, NDArray[np.intp]],
-    gone: Sequence[Sequence[Term]],
-) -> FloatArray:
+def _at_most(named: Member, beside: Member, gone: Sequence[Sequence[Term]]) -> FloatArray:
     """(n,) weights without some effects each, as if a free effort made up for all of them."""
-    members = [named, beside]
+    members, slots = [named, beside], beside.fit.structure.slots
     for terms in gone:
         names = {term.effect.name for term in terms}
-        free = [k for unit, own in units.items() if unit[0] in names for k in own]
+        kept = beside.kept[[slots[k].term.effect.name not in names for k in beside.kept]]
         effects = {name: places for name, places in beside.effects.items() if name not in names}
-        members.append(replace(beside, effects=effects, kept=np.setdiff1d(beside.kept, free)))
+        members.append(replace(beside, effects=effects, kept=kept))
     return Table(tuple(members)).weights[2:]
 
 
