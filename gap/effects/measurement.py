@@ -9,7 +9,7 @@ import numpy as np
 
 from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.effect import EVERYWHERE, Effect, FloatArray, JointEffect, Parameter
-from walkerkit.gap.effects.timing import LONGEST_DELAY
+from walkerkit.gap.recordings.beginning import LONGEST_DELAY
 from walkerkit.gap.simulation.robot import Excursion, Robot
 from walkerkit.gap.simulation.trials import Trials
 

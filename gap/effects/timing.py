@@ -6,10 +6,9 @@ from types import MappingProxyType
 
 from walkerkit.gap.effects import fields
 from walkerkit.gap.effects.effect import FloatArray, JointEffect, Parameter
+from walkerkit.gap.recordings.beginning import LONGEST_DELAY
 from walkerkit.gap.simulation.robot import Robot
 from walkerkit.gap.simulation.trials import Trials
-
-LONGEST_DELAY = 0.1  # s
 
 
 class CommandDelay(JointEffect):

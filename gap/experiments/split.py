@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from walkerkit.gap.experiments.experiment import Experiment
+from walkerkit.gap.recordings.beginning import from_known
 from walkerkit.gap.recordings.recording import Recording
 
 Recordings = tuple[tuple[Recording, ...], ...]
@@ -92,7 +93,10 @@ def _blocks(recording: Recording) -> list[tuple[Recording, bool]]:
 
 
 def _unbroken(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
-    """The recordings without their holes, in which nobody knows what was commanded."""
+    """The recordings without their holes, and where they begin in motion that far.
+
+    Nobody knows what was commanded there.
+    """
     return tuple(part for recording in recordings for part in _parts(recording))
 
 
@@ -102,8 +106,9 @@ def _parts(recording: Recording) -> list[Recording]:
     skipped = recording.starts_anew
     unknown = (steps > max(_HOLE, _HOLE_SAMPLES * float(np.median(steps)))) & ~skipped
     holes = np.flatnonzero(unknown | skipped)
+    is_first = time[0] == recording.whole.time[0]
     if not holes.size:
-        return [recording]
+        return [from_known(recording) if is_first else recording]
     starts, ends = np.append(0, holes + 1), np.append(holes, len(time) - 1)
     long = time[ends] - time[starts] >= _LEAST
     stops = np.nextafter(time[ends], np.inf)
@@ -113,6 +118,7 @@ def _parts(recording: Recording) -> list[Recording]:
     ]
     if not parts:
         return [recording]
+    parts = [from_known(p) if is_first or p.time[0] > time[0] else p for p in parts]
     holes = np.flatnonzero(unknown)
     if not holes.size:
         return parts

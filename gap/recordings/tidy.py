@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.errors import some
 from walkerkit.gap.recordings.base_state import missing
+from walkerkit.gap.recordings.beginning import LONGEST_DELAY, from_known, moving
 from walkerkit.gap.recordings.imu import has_imu
 from walkerkit.gap.recordings.recording import Recording
 
@@ -29,7 +30,6 @@ _NEAR_A_TURN = 0.6  # rad; between two samples a joint turns by less
 _FLAT, _FLAT_TIME = 5, 0.02  # samples and seconds that a reading has to stay at its largest
 _AVERAGED = 10  # samples, over which a speed is taken
 _AT_SPEED = 0.5  # of the largest; a joint that stops has slowed down before
-_FIRST, _MOVED = 0.05, 0.02  # s of a log that are its beginning; rad or m of a motion
 _MOVES = 3.0  # least steps of the encoder between samples, for repeated ones to mean anything
 _ON = 0.01  # of the target's own way, that it moves on while a reading stands
 _REPEATS = 0.4  # of the samples of a motion
@@ -122,19 +122,17 @@ def _quirks(recording: Recording) -> Iterator[str]:
 
 def _in_motion(recording: Recording) -> Iterator[str]:
     """A log that begins while joints move, whose commands before are not in it."""
-    span = int(np.searchsorted(recording.time, recording.time[0] + _FIRST))
-    if not 0 < span < len(recording.time) // 4:
-        return
-    moving = []
-    for joint in recording.joints:
-        position = recording.columns[f"{joint}/position"]
-        steps = np.abs(position[span:] - position[:-span])
-        if steps.max() > _MOVED and steps[0] > _AT_SPEED * steps.max():
-            moving.append(joint)
-    if moving:
+    joints = moving(recording)
+    if joints:
+        known = from_known(recording) is not recording
         yield (
-            f"it begins while {some(moving)} move{'s' if len(moving) == 1 else ''}: what the "
-            "targets were before its first row is unknown, and was taken to be what they are there"
+            f"it begins while {some(joints)} move{'s' if len(joints) == 1 else ''}: what the "
+            "targets were before its first row is unknown, "
+            + (
+                f"and its first {LONGEST_DELAY:g} s only tell what was commanded"
+                if known
+                else "and was taken to be what they are there"
+            )
         )
 
 

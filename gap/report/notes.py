@@ -306,7 +306,7 @@ def _clipped(robot: Robot, recordings: Sequence[Recording]) -> Iterator[str]:
     reached: dict[str, tuple[Route, list[float]]] = {}
     for recording in recordings:
         for route in routes(robot, recording):
-            values = recording.columns[route.column]
+            values = recording.whole.columns[route.column]
             _, ends = reached.setdefault(route.column, (route, []))
             ends += [float(values.min()), float(values.max())]
     clipped = [told for route, ends in reached.values() if (told := _beyond(robot, route, ends))]

@@ -5,12 +5,14 @@ import pytest
 
 from walkerkit.gap.experiments.experiment import Experiment
 from walkerkit.gap.experiments.split import is_in_time, split, split_in_time
+from walkerkit.gap.recordings.beginning import LONGEST_DELAY
 from walkerkit.gap.recordings.recording import Recording
 
 
 def recording(name, time=None):
     time = 3.0 + np.arange(0, 6, 0.01) if time is None else time
-    columns = {"knee/position": np.sin(time), "knee/position_target": np.cos(time)}
+    late = time - time[0]  # it begins at rest
+    columns = {"knee/position": np.cos(late), "knee/position_target": np.sin(late)}
     return Recording(name=name, time=time, columns=columns)
 
 
@@ -132,8 +134,26 @@ def test_a_log_is_cut_at_its_holes():
     assert not is_in_time(fitted, held)
     first, second = fitted[0][1:]
     assert first.time[-1] == pytest.approx(1.998)
-    assert second.time[0] == pytest.approx(2.2)
+    # It moves after the hole, by what nobody knows.
+    assert second.time[0] == pytest.approx(2.2 + LONGEST_DELAY)
     (note,) = (one for one in first.notes if "hole" in one)
     assert note.startswith("2 holes, from 1.998 to 2.2 s, from 5.618 to 5.8")
     assert not second.notes
     assert is_in_time(*split_in_time([broken]))
+
+
+def test_what_begins_in_motion_is_replayed_from_where_its_commands_are_known():
+    time = np.arange(0, 6, 0.01)
+    columns = {"knee/position": np.sin(time), "knee/position_target": np.sin(time + 0.1)}
+    moving = Recording(name="moving", time=time, columns=columns)
+    rested = recording("rested", time)
+    last = recording("last", time)
+    both = Experiment(model="leg.xml", recordings=(moving, rested, last), held_out={"last"})
+    ((part, other),), _ = split([both])
+    assert (part.name, other) == ("moving", rested)
+    assert part.time[0] == pytest.approx(LONGEST_DELAY)
+    assert part.whole is moving  # whose commands it knows
+    # Only its first block begins in what nobody knows.
+    blocks = sorted((b for half in split_in_time([both]) for b in half[0]), key=lambda b: b.time[0])
+    of_it = [block for block in blocks if block.whole is moving]
+    assert sum(len(block.time) for block in of_it) == len(time) - round(LONGEST_DELAY / 0.01)

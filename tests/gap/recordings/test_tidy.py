@@ -12,7 +12,7 @@ from walkerkit.gap.recordings.tidy import tidied
 
 FloatArray = NDArray[np.float64]
 TIME = np.arange(2000) * 0.002
-TARGET = 0.5 * np.sin(2 * np.pi * 0.7 * TIME * (1 + 0.2 * TIME))
+TARGET = 0.5 * np.cos(2 * np.pi * 0.7 * TIME * (1 + 0.2 * TIME))
 
 
 def log(position: FloatArray, target: FloatArray = TARGET) -> Recording:
@@ -143,12 +143,14 @@ def test_a_servo_that_stops_where_it_was_to_go_is_no_saturated_encoder(to: float
     assert "saturated encoder, or a stop" in note
 
 
-def test_a_log_that_begins_in_motion_says_what_its_targets_were() -> None:
+def test_a_log_that_begins_in_motion_says_what_its_beginning_is_for() -> None:
     swing = 0.5 * np.sin(4 * TIME)
     (note,) = tidied(log(noisy(swing, 1e-5), swing)).notes
     assert note == (
         "it begins while 'knee' moves: what the targets were before its first row is unknown, and "
-        "was taken to be what they are there"
+        "its first 0.1 s only tell what was commanded"
     )
+    short = log(noisy(swing, 1e-5), swing).between(0.0, 0.4)
+    assert tidied(short).notes[0].endswith("and was taken to be what they are there")
     rested = 0.5 * (1 - np.cos(4 * TIME))
     assert tidied(log(noisy(rested, 1e-5), rested)).notes == ()
