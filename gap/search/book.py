@@ -92,7 +92,7 @@ class Book:
         if beside is None:
             self._left_out(found)
         free = beside is None or smaller or not self._members
-        worth = free or self._worth_a_name(found[0])
+        worth = free or self._worth_a_name(found[0], self._members)
         if worth and _estimated(problem, reduction.best(few=True), slopes):
             self._members += found
             self._table = None
@@ -261,28 +261,24 @@ class Book:
                 self.gains[1, name] = float(size - sizes[0])
 
     def _forget_what_is_worth_no_name(self) -> None:
-        """Forgets structures once others with fewer rare effects leave gaps that are as small."""
+        """Forgets structures that are worth no name beside others that lack rare effects."""
         kept: list[Member] = []
-        counts = [len(member.rare) for member in self._members]
-        for count in sorted({*counts}):
-            best = Table(tuple(kept)).best if kept else None
-            kept += [
-                member
-                for member, its in zip(self._members, counts, strict=True)
-                if its == count and (best is None or is_worth_a_name(best, member, self._joints))
-            ]
+        for member in sorted(self._members, key=lambda member: len(member.rare)):
+            if self._worth_a_name(member, kept):
+                kept.append(member)
         self._members = [member for member in self._members if member in kept]
         self._table = None
 
-    def _worth_a_name(self, one: Member) -> bool:
-        """Whether what the table has with fewer rare effects leaves larger gaps, somewhere.
+    def _worth_a_name(self, one: Member, others: Sequence[Member]) -> bool:
+        """Whether structures with fewer rare effects that have nothing else leave larger gaps.
 
-        Once structures were fitted by themselves, only those that lack nothing else count: others
-        are rivals, between which the table decides.
+        What has something else instead is a rival, between which the table decides.
         """
-        plain = [m for m in self._members if len(m.rare) < len(one.rare)]
-        if self._among is not None:
-            plain = [m for m in plain if m.effects.keys() <= one.effects.keys()]
+        plain = [
+            other
+            for other in others
+            if len(other.rare) < len(one.rare) and other.effects.keys() <= one.effects.keys()
+        ]
         return not plain or is_worth_a_name(Table(tuple(plain)).best, one, self._joints)
 
 
