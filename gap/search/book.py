@@ -8,6 +8,7 @@ book.best                # the member that the table prefers
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from walkerkit.gap.search.reduce import Reduction, ordinary
 from walkerkit.gap.search.score import Wildness
 from walkerkit.gap.search.slopes import Slopes, linearised, near_slopes
 from walkerkit.gap.search.structure import Fit, Term, Unit
+from walkerkit.gap.search.unseen import Looks, looks_of
 
 FloatArray = NDArray[np.float64]
 
@@ -47,6 +49,7 @@ class Book:
         self._table: Table | None = None
         self._among: set[Hashable] | None = None
         self._alone: list[Fit] = []
+        self._too_good: dict[Looks, FloatArray] = {}
 
     @property
     def table(self) -> Table:
@@ -94,7 +97,7 @@ class Book:
         free = beside is None or smaller or not self._members
         worth = free or self._worth_a_name(found[0], self._members)
         if worth and _estimated(problem, reduction.best(few=True), slopes):
-            self._members += found
+            self._members += self._believed(found)
             self._table = None
             if self._among is not None:
                 self._among |= {member.key for member in found}
@@ -203,7 +206,8 @@ class Book:
         found = [other for other in found if other is itself or other.key not in known]
         better = {member.key, *(other.key for other in found)}
         kept = [other for other in self._members if other.key not in better]
-        self._members = [*kept, *found]
+        itself, *found = self._believed(found)
+        self._members = [*kept, itself, *found]
         self._table = None
         return itself
 
@@ -211,6 +215,32 @@ class Book:
         """Puts a fit of other rare effects in the place of all that have those of a member."""
         self._members = [other for other in self._members if other.rare != member.rare]
         self._put(member, one, ())
+
+    def was_chosen_by_all(self, member: Member) -> bool:
+        """Whether a member has looks that nobody chose again without what they are to predict."""
+        looks = looks_of(member.fit.structure)
+        return bool(looks) and looks not in self._too_good
+
+    def choose_again(self, member: Member, squares: FloatArray | None) -> None:
+        """Believes a member's looks, wherever they are, as far as they predict what is unseen.
+
+        Args:
+            member: the member.
+            squares: (n_blocks, n_scored) of its blocks by fits whose looks these did not choose;
+                None where that cannot be said.
+        """
+        own, scores = looks_of(member.fit.structure), member.scores
+        self._too_good[own] = np.zeros(len(scores.squares))
+        if squares is not None:
+            honest = replace(scores, squares=squares, elsewhere=squares)
+            self._too_good[own] += scores.elpd(scores) - honest.elpd(scores)
+        self._members = self._believed(self._members)
+        self._table = None
+
+    def _believed(self, members: Sequence[Member]) -> list[Member]:
+        """Members with what is known of their looks."""
+        known = [self._too_good.get(looks_of(one.fit.structure), 0.0) for one in members]
+        return [replace(one, too_good=too) for one, too in zip(members, known, strict=True)]
 
     def is_enough(self, smaller: Fit, full: Fit) -> bool:
         """Whether what a fit has beside a smaller one is not worth a name."""

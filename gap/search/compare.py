@@ -51,6 +51,7 @@ class Member:
         fit: the fit that it is of, with all ordinary effects.
         kept: indices of those values of the fit that it has.
         values: (n_parameters,) those of the fit, when what it lacks is left out.
+        too_good: (n_blocks,) of its log densities, what is owed to a choice that saw all blocks.
     """
 
     effects: Places
@@ -58,6 +59,7 @@ class Member:
     fit: Fit
     kept: NDArray[np.intp]
     values: FloatArray
+    too_good: FloatArray | float = 0.0
 
     @property
     def key(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -127,7 +129,7 @@ class Table:
         """(n, n_blocks) elpd of each block, all by the scale of the one with the smallest gaps."""
         sizes = [np.log(np.hypot(m.scores.size, m.scores.floor)).mean() for m in self.members]
         scale = self.members[int(np.argmin(sizes))].scores
-        return np.stack([member.scores.elpd(scale) for member in self.members])
+        return np.stack([member.scores.elpd(scale) - member.too_good for member in self.members])
 
     @cached_property
     def worth(self) -> FloatArray:
@@ -212,12 +214,16 @@ class Table:
             shares.append((back - left) / max(whole, np.finfo(float).tiny))
         return float(np.mean(shares))
 
-    def exchanges(self, effect: str, told: Set[str]) -> dict[str, Member]:
+    def exchanges(
+        self, effect: str, told: Set[str], equivalent: Collection[str] = ()
+    ) -> dict[str, Member]:
         """What could be in an effect's place.
 
         Args:
             effect: its name.
             told: names of all that is told.
+            equivalent: names of those that no recording of these channels can tell from it. What
+                has one of them has it by another name, and nothing else in its place.
 
         Returns:
             Of the structures that hold `CONFUSION` of the weight those that lack nothing else of
@@ -227,7 +233,11 @@ class Table:
         order = np.argsort(-self.weights, kind="stable")
         within = int(np.searchsorted(np.cumsum(self.weights[order]), CONFUSION)) + 1
         rivals = [self.members[k] for k in order[:within]]
-        rivals = [one for one in rivals if told - one.effects.keys() == {effect}]
+        rivals = [
+            one
+            for one in rivals
+            if told - one.effects.keys() == {effect} and one.effects.keys().isdisjoint(equivalent)
+        ]
         best, found = self.best.effects.keys(), dict[str, Member]()
         instead = [one.effects.keys() - best for one in rivals]
         for one, names in zip(rivals, instead, strict=True):

@@ -23,6 +23,7 @@ from walkerkit.gap.search.by_itself import (
     only_needed,
     without_stand_ins,
 )
+from walkerkit.gap.search.compare import Member
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, Progress
 from walkerkit.gap.search.fit import CONVERGED, evaluate, polished
@@ -31,6 +32,7 @@ from walkerkit.gap.search.propose import proposals
 from walkerkit.gap.search.settle import PASSES, REFITS, settled, without_the_wild
 from walkerkit.gap.search.slopes import normal_equations
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried, extended
+from walkerkit.gap.search.unseen import by_unseen
 
 MOST_RARE = 4  # at once
 _EXCHANGES = 2  # of passes in which each rare effect meets what could be in its place
@@ -62,7 +64,7 @@ class Search:
         current = self._grown(effects, current)
         for _ in range(_EXCHANGES):
             self._exchange(effects, current, begun)
-            best = self._book.best.fit
+            best = self._best.fit
             if best.structure.key == current.structure.key:
                 break
             current, begun = self._grown(effects, self._ended(best)), ()
@@ -77,6 +79,9 @@ class Search:
         leaned: dict[frozenset[str], Fit] = {}
         while True:
             book.fit_what_is_in_the_running(partial(fitted_alone, problem))
+            if book.was_chosen_by_all(book.best):
+                self._choose_again(book.best)
+                continue
             best = book.best
             names = _rare_names(best.fit)
             told = leaned.get(names) or only_needed(problem, best.fit)
@@ -115,6 +120,16 @@ class Search:
             self._exchange(effects, book.best.fit, ())
         return self.compare()
 
+    @property
+    def _best(self) -> Member:
+        """What the table prefers, once looks that all blocks chose are chosen without them."""
+        while self._book.was_chosen_by_all(self._book.best):
+            self._choose_again(self._book.best)
+        return self._book.best
+
+    def _choose_again(self, member: Member) -> None:
+        self._book.choose_again(member, by_unseen(self._problem, member.fit))
+
     def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
         """The structure that the table prefers, with as many rare effects as it wants."""
         problem, book = self._problem, self._book
@@ -125,7 +140,7 @@ class Search:
                 break
             met.add(current.structure.key)
             self._propose(effects, current)
-            best = book.best.fit
+            best = self._best.fit
             if best.structure.key in met or not _is_more(best, current):
                 break
             met.add(best.structure.key)

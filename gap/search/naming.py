@@ -363,7 +363,7 @@ def _named(
     return Named(
         term=term,
         confidence=unknown.beside(name, confidence) / (1 + odds),
-        exchanges=table.exchanges(name, present),
+        exchanges=table.exchanges(name, present, equivalent),
         equivalent=equivalent,
         lookalikes=unlisted,
     )

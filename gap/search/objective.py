@@ -134,6 +134,10 @@ class Objective:
         other.leave_as_simulated()
         return other
 
+    def _as_trusted(self, residual: FloatArray) -> FloatArray:
+        """Residuals, (n, rows, n_scored), as much of each row as it counts."""
+        return residual if self.root is None else residual * self.root
+
     def leave_as_simulated(self) -> None:
         """Takes no numerical error out of what will be simulated."""
         self.numerical = NumericalError.none(self.measured.shape)
@@ -611,15 +615,15 @@ def simulated_each(objectives: Sequence[Objective], cases: Sequence[Case]) -> It
         one.measured.nbytes * len(case.values) for one, case in zip(objectives, cases, strict=True)
     ]
     for group in consecutive(sizes, _MEMORY):
-        # Those with the same recordings are simulated as one.
+        # Those with the same recordings are simulated as one, of which each may trust others.
         which: dict[object, list[int]] = {}
         for k in range(len(cases))[group]:
             which.setdefault(objectives[k]._owner, []).append(k)
-        simulated = _each_simulated(
+        simulated = _each_as_trusted_fully(
             [(objectives[mine[0]], [cases[k] for k in mine]) for mine in which.values()]
         )
         found = {
-            k: residual
+            k: objectives[k]._as_trusted(residual)
             for mine, residuals in zip(which.values(), simulated, strict=True)
             for k, residual in zip(
                 mine, _per_case(residuals, [cases[k] for k in mine]), strict=True
@@ -641,6 +645,14 @@ def consecutive(sizes: Sequence[int], most: int) -> list[slice]:
 
 def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[FloatArray]:
     """Of each objective (n of all its cases, rows, n_scored) residuals as simulated."""
+    found = _each_as_trusted_fully(wanted)
+    return [one._as_trusted(each) for (one, _), each in zip(wanted, found, strict=True)]
+
+
+def _each_as_trusted_fully(
+    wanted: Sequence[tuple[Objective, Sequence[Case]]],
+) -> list[FloatArray]:
+    """As `_each_simulated`, where all rows count."""
     if not wanted:
         return []
     for one, cases in wanted:
@@ -660,8 +672,7 @@ def _each_simulated(wanted: Sequence[tuple[Objective, Sequence[Case]]]) -> list[
     found = []
     for (one, _), mine in zip(wanted, each, strict=True):
         new = one._less_measured([next(predicted) for _ in one.replays]) if mine.unknown else None
-        residual = mine.filled(new)
-        found.append(residual if one.root is None else residual * one.root)
+        found.append(mine.filled(new))
     return found
 
 
