@@ -13,7 +13,7 @@ from tests.gap.search.test_naming import LEG, fitted, hide, problem_of
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.book import Book, KnownErrors, stopped_since
 from walkerkit.gap.search.certainty import covariance
-from walkerkit.gap.search.compare import Member, Rare, rare_effects
+from walkerkit.gap.search.compare import Member, Rare, is_worth_a_name, rare_effects
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.slopes import linearised
@@ -208,6 +208,27 @@ def test_what_leaves_no_smaller_gaps_than_fewer_rare_effects_do_is_no_member(
     # The same with fewer numbers than one beside it need not beat that.
     same = book.add(replace(known["at both"]), beside=fewer, smaller=True)
     assert book.has(same)
+
+
+def test_what_has_something_else_instead_is_a_rival_though_its_gaps_are_no_smaller(
+    tmp_path: Path,
+) -> None:
+    model = tmp_path / "leg.xml"
+    model.write_text(LEG)
+    leg = problem_of(model, [hide("coulomb_friction", "knee", frictionloss=0.3)])
+    joints = [channel.joint for channel in leg.channels]
+    (nothing,) = evaluate(leg.fit.objective, [(leg.nothing, np.zeros(0))])
+    book = Book(leg)
+    book.add(nothing)
+    rubbed = book.add(fitted(leg, coulomb_friction=["knee"]))
+    rival = book.add(fitted(leg, asymmetric_friction=["knee"]))
+    of = {id(m.fit): m for m in reversed(book.table.members)}
+    assert of[id(rival)].rare
+    assert not is_worth_a_name(of[id(rubbed)], of[id(rival)], joints)
+    assert book.best.fit is rubbed
+    # Of what has the friction, too, it is asked what it brings beside that.
+    both = fitted(leg, coulomb_friction=["knee"], asymmetric_friction=["ankle"])
+    assert not book.has(book.add(both))
 
 
 def fitted_beside(leg: Problem, one: Fit) -> Fit:

@@ -196,9 +196,20 @@ def test_what_could_be_exchanged_lacks_nothing_else(problem: Problem) -> None:
         *both,
         "velocity_gain",
     }
+    # What has it by another name has nothing else in its place.
+    told = {"coulomb_friction"}
+    assert set(table.exchanges("coulomb_friction", told, ["velocity_gain"])) == {*both}
     far = Table((member(problem, both, alike), member(problem, {}, scores(0.1))))
     assert far.weights[0] > CONFUSION
     assert far.exchanges("armature", both.keys()) == {}
+
+
+def test_what_a_choice_owes_to_all_blocks_is_taken_off_their_densities(problem: Problem) -> None:
+    one = member(problem, {"cogging": ("knee",)}, scores(0.01))
+    owed = np.linspace(0.0, 1.0, BLOCKS)
+    less = replace(one, too_good=owed)
+    (full, rest) = Table((one, less)).blocks
+    np.testing.assert_allclose(full - rest, owed)
 
 
 def test_what_is_exchanged_together_comes_in_the_order_of_its_structure(problem: Problem) -> None:
