@@ -8,6 +8,7 @@ Bounded; a trial that diverges scores infinity.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -253,15 +254,32 @@ def _polishing(
     return best, slopes
 
 
-def promises(objective: Objective, starts: Sequence[Fit], near: Slopes | None) -> list[float]:
-    """The scores that one step from each start can hope for, by its slopes.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Promise:
+    """What one step of a fit can hope for, by its slopes.
+
+    Attributes:
+        score: the score after it.
+        values: (n_parameters,) after it.
+        normal: (n_parameters, n_parameters) curvature of the score, with the priors', in scales.
+    """
+
+    score: float
+    values: FloatArray
+    normal: FloatArray
+
+
+def promises(
+    objective: Objective, starts: Sequence[Fit], near: Slopes | None
+) -> list[Promise | None]:
+    """What one step from each start can hope for, by its slopes; None where that diverged.
 
     Args:
         objective: what would be fitted.
         starts: structures and values; their scores may be those on other recordings.
         near: slopes of a fit that has numbers in common with all of them, to begin with.
     """
-    found = []
+    found: list[Promise | None] = []
     for start in starts:  # one after the other, of which none has to be kept
         (slopes,) = (
             linearised_each([objective], [start])
@@ -269,12 +287,21 @@ def promises(objective: Objective, starts: Sequence[Fit], near: Slopes | None) -
             else near_slopes(objective, near, [start])
         )
         there = objective.at(start, slopes.residual)
-        if not np.isfinite(there.score):
-            found.append(np.inf)
-            continue
-        _, gain = _most_promising_first(there, *posterior_equations(objective, there, slopes))
-        found.append(there.score - gain)
+        found.append(promise(objective, there, slopes) if np.isfinite(there.score) else None)
     return found
+
+
+def promise(objective: Objective, one: Fit, slopes: Slopes) -> Promise:
+    """What one step from a fit can hope for.
+
+    Args:
+        objective: what it is fitted to.
+        one: the fit.
+        slopes: there.
+    """
+    normal, gradient = posterior_equations(objective, one, slopes)
+    trials, gain = _most_promising_first(one, normal, gradient)
+    return Promise(score=one.score - gain, values=trials[0], normal=normal)
 
 
 def _most_promising_first(

@@ -20,9 +20,18 @@ from walkerkit.gap.search.afresh import afresh, as_given, that_leave_least
 from walkerkit.gap.search.certainty import ran_away
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Progress
-from walkerkit.gap.search.fit import CONVERGED, evaluate, fit, polished, promises
+from walkerkit.gap.search.fit import (
+    CONVERGED,
+    Promise,
+    evaluate,
+    fit,
+    polished,
+    promise,
+    promises,
+)
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.reduce import hoped_for
 from walkerkit.gap.search.signatures import View, look
 from walkerkit.gap.search.slopes import Slopes, slopes_to_carry
 from walkerkit.gap.search.structure import Fit, Structure, Term, carried
@@ -33,6 +42,7 @@ _BY_PROMISE, _BY_START, _PAIRS = 8, 4, 3  # that are fitted to little of the rec
 _FEWEST = 3  # by promise, however little that is
 _WARM = 2  # steps of a fit to little of the recordings
 _FITTED, _REFITS = 4, 4  # structures of those that promise most of all, and steps of a fit to it
+_RIVALS = 2  # structures of those that could take the place of what is ordinary
 _OF_THE_LEAST = 0.7  # of the smallest gain worth a name, which more recordings may make up
 _MORE_THAN_ONE = 0.2  # by which two together promise more than any one, summed over the channels
 _HOPE = 0.5  # of the smallest gain worth a name, which a promise may fall short of
@@ -170,11 +180,13 @@ def _promising(
     (own,) = evaluate(objective, [(current.structure, current.values)])
     # What gains nothing of little needs no slopes on everything.
     hopeful = [one for one in starts if one.score < there.score]
-    promised = promises(objective, hopeful, near)
+    each = promises(objective, hopeful, near)
+    promised = [np.inf if one is None else one.score for one in each]
     order = each_once(hopeful, promised)
     worth = max(_OF_THE_LEAST * least_gain(problem), _brought(objective, own, instead_of))
     reach = own.score - worth
     best = of_so_many_structures([hopeful[k] for k in order if promised[k] < reach], _FITTED)
+    best += [one for one in _rivals(objective, own, near, hopeful, each) if one not in best]
     # A general law promises more than its plain case, to which it may have to give way.
     plain = {name for one in best for name in one.structure.terms[-1].effect.extends}
     single = 1 + len(current.structure.terms)
@@ -185,6 +197,35 @@ def _promising(
         and (_is_of(one, always) or (_is_of(one, plain) and len(one.structure.terms) == single))
     ]
     return best
+
+
+def _rivals(
+    objective: Objective,
+    own: Fit,
+    near: Slopes | None,
+    starts: Sequence[Fit],
+    promised: Sequence[Promise | None],
+) -> list[Fit]:
+    """Of some starts those with which less of what is ordinary is wanted, most probable first.
+
+    What is ordinary may have taken up what they would bring, by many numbers together.
+
+    Args:
+        objective: the recordings.
+        own: the fit that is there.
+        near: its slopes.
+        starts: with one effect more.
+        promised: what each promises.
+    """
+    if near is None:
+        return []
+    least = hoped_for(own.structure, promise(objective, own, near), objective.samples)
+    hopes = [
+        -np.inf if one is None else hoped_for(start.structure, one, objective.samples)
+        for start, one in zip(starts, promised, strict=True)
+    ]
+    order = sorted(range(len(starts)), key=hopes.__getitem__, reverse=True)
+    return of_so_many_structures([starts[k] for k in order if hopes[k] > least], _RIVALS)
 
 
 def of_so_many_structures(fits: Sequence[Fit], most: int) -> list[Fit]:

@@ -14,6 +14,7 @@ without it is another fit.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from copy import deepcopy
 
@@ -21,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.search.compare import Member, is_worth_a_name
-from walkerkit.gap.search.decision import LEAST_GAIN, TEMPERATURE
+from walkerkit.gap.search.compare import Member, is_worth_a_name, price_of_kind
+from walkerkit.gap.search.decision import LEAST_GAIN, PRICE_PLACE, TEMPERATURE
+from walkerkit.gap.search.fit import Promise
 from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.objective import Objective
 from walkerkit.gap.search.score import Scoring, memory_of
 from walkerkit.gap.search.slopes import Slopes, posterior_equations
-from walkerkit.gap.search.structure import Fit, Slot, Unit
+from walkerkit.gap.search.structure import Fit, Slot, Structure, Unit
 
 FloatArray = NDArray[np.float64]
 
@@ -69,8 +71,7 @@ class Reduction:
         self._memory = memory_of(objective, slopes.residual)
         normal, _ = posterior_equations(objective, one, slopes)
         away = (one.values - one.structure.zero) / one.structure.scale
-        covariance = np.linalg.pinv(normal, rcond=_SINGULAR, hermitian=True)
-        self._given = _Values(away, np.asarray(covariance, dtype=np.float64))
+        self._given = _Values(away, _inverse(normal))
         self._joints = [channel.joint for channel in objective.channels]
         self._alike = TEMPERATURE / objective.samples
         self.units = {
@@ -166,6 +167,44 @@ class Reduction:
             kept=kept,
             values=self._fit.values + moved * self._fit.structure.scale,
         )
+
+
+def hoped_for(structure: Structure, hope: Promise, samples: float) -> float:
+    """The log weight of the most probable structure within a fit, by what one step promises.
+
+    Roughly: on the recordings that are fitted, by a quadratic of the score.
+
+    Args:
+        structure: that of the fit.
+        hope: what one step promises.
+        samples: independent ones that the score is of.
+    """
+    rest = _Values((hope.values - structure.zero) / structure.scale, _inverse(hope.normal))
+    units = {
+        (term.effect.name, place): structure.columns(term, place)
+        for term in structure.terms
+        for place in term.places
+    }
+    free = {(t.effect.name, p) for t in structure.terms for p in t.places if t.doubts(p)}
+    kinds = sum(price_of_kind(term.effect.name) for term in structure.rare)
+    left, best = [*units], -np.inf
+    while True:
+        values = structure.zero + rest.away * structure.scale
+        kept = [k for unit in left for k in units[unit] if not structure.slots[k].parameter.choice]
+        prices = kinds + PRICE_PLACE * sum(unit not in free for unit in left)
+        prices += float(structure.surprise(values)[kept].sum())
+        best = max(best, -samples / TEMPERATURE * (hope.score + rest.cost) - prices)
+        names = Counter(name for name, _ in left)
+        may_go = [unit for unit in left if CATALOGUE[unit[0]].ordinary or names[unit[0]] > 1]
+        if not may_go:
+            return best
+        cheapest = min(may_go, key=lambda unit: rest.cost_without(units[unit]))
+        left.remove(cheapest)
+        rest.leave_out(units[cheapest])
+
+
+def _inverse(normal: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.pinv(normal, rcond=_SINGULAR, hermitian=True), dtype=np.float64)
 
 
 class _Values:

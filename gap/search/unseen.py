@@ -72,7 +72,8 @@ def by_unseen(problem: Problem, one: Fit) -> FloatArray | None:
     starts, near, own = list[Fit](), list[Slopes](), list[Objective]()
     for other in others:
         its = _of_the_rest(slopes.trusting(other.objective, one), one)
-        promised = promises(other.objective, begun, its)
+        each = promises(other.objective, begun, its)
+        promised = [np.inf if one is None else one.score for one in each]
         some = [begun[k] for k in np.argsort(promised, kind="stable")[:_FITTED]]
         starts += some
         near += near_slopes(other.objective, its, some)
