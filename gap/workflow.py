@@ -123,7 +123,8 @@ class Setup:
 
     def split_in_time(self) -> Setup:
         """The same with blocks of time held out instead of whole recordings."""
-        fitted, held_out = split_in_time(self.experiments)
+        restarts = self.window is not None
+        fitted, held_out = split_in_time(self.experiments, restarts=restarts)
         return replace(self, fitted=fitted, held_out=held_out)
 
     def problem(self, hold: Hold) -> Problem:
@@ -407,7 +408,7 @@ def prepare(
     restarts = _window(robots, experiments, recordings, usual if window is None else window)
     experiments = rewired_experiments(robots, experiments, window=restarts, n_threads=n_threads)
     experiments = tuple(_rewired(robot, e) for robot, e in zip(robots, experiments, strict=True))
-    fitted, held_out = split(experiments)
+    fitted, held_out = split(experiments, restarts=restarts is not None)
     setup = Setup(
         robots=tuple(robots),
         fitted=fitted,

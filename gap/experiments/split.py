@@ -23,7 +23,9 @@ _LEAST = 0.5  # s between holes, below which a part is left out
 _SHOWN = 3
 
 
-def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
+def split(
+    experiments: Sequence[Experiment], *, restarts: bool = False
+) -> tuple[Recordings, Recordings]:
     """Splits the recordings of each experiment.
 
     What the user declared is held out; else every third recording where there are three or more;
@@ -31,16 +33,22 @@ def split(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
 
     Args:
         experiments: the recordings by model.
+        restarts: replays of them restart again and again, so that where one begins says little.
 
     Returns:
         Fitted and held-out recordings, each per experiment, in parts where a log has holes.
     """
     held = held_out_names(experiments)
     if not held:
-        return split_in_time(experiments)
+        return split_in_time(experiments, restarts=restarts)
     return (
-        tuple(_unbroken(r for r in e.recordings if r.name not in held) for e in experiments),
-        tuple(_unbroken(r for r in e.recordings if r.name in held) for e in experiments),
+        tuple(
+            _unbroken((r for r in e.recordings if r.name not in held), restarts)
+            for e in experiments
+        ),
+        tuple(
+            _unbroken((r for r in e.recordings if r.name in held), restarts) for e in experiments
+        ),
     )
 
 
@@ -53,7 +61,9 @@ def held_out_names(experiments: Sequence[Experiment]) -> frozenset[str]:
     return frozenset(everything[_EVERY - 1 :: _EVERY])
 
 
-def split_in_time(experiments: Sequence[Experiment]) -> tuple[Recordings, Recordings]:
+def split_in_time(
+    experiments: Sequence[Experiment], *, restarts: bool = False
+) -> tuple[Recordings, Recordings]:
     """Splits every recording into blocks of time, of which every third is held out.
 
     Both halves then see every recording, so that an effect which shows in one of them alone can
@@ -61,14 +71,15 @@ def split_in_time(experiments: Sequence[Experiment]) -> tuple[Recordings, Record
 
     Args:
         experiments: the recordings by model.
+        restarts: as for `split`.
 
     Returns:
         Fitted and held-out blocks, each per experiment.
     """
     cut = [[part for r in e.recordings for part in _blocks(r)] for e in experiments]
     return (
-        tuple(_unbroken(part for part, held in parts if not held) for parts in cut),
-        tuple(_unbroken(part for part, held in parts if held) for parts in cut),
+        tuple(_unbroken((part for part, held in parts if not held), restarts) for parts in cut),
+        tuple(_unbroken((part for part, held in parts if held), restarts) for parts in cut),
     )
 
 
@@ -92,23 +103,23 @@ def _blocks(recording: Recording) -> list[tuple[Recording, bool]]:
     ]
 
 
-def _unbroken(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
-    """The recordings without their holes, and where they begin in motion that far.
+def _unbroken(recordings: Iterable[Recording], restarts: bool) -> tuple[Recording, ...]:
+    """The recordings without their holes, of which nobody knows what was commanded.
 
-    Nobody knows what was commanded there.
+    Nor does anybody know what was before a recording that begins in motion.
     """
-    return tuple(part for recording in recordings for part in _parts(recording))
+    return tuple(part for recording in recordings for part in _parts(recording, restarts))
 
 
-def _parts(recording: Recording) -> list[Recording]:
+def _parts(recording: Recording, restarts: bool) -> list[Recording]:
     time = recording.time
     steps = np.diff(time)
     skipped = recording.starts_anew
     unknown = (steps > max(_HOLE, _HOLE_SAMPLES * float(np.median(steps)))) & ~skipped
     holes = np.flatnonzero(unknown | skipped)
-    is_first = time[0] == recording.whole.time[0]
+    known = restarts or time[0] > recording.whole.time[0]
     if not holes.size:
-        return [from_known(recording) if is_first else recording]
+        return [recording if known else from_known(recording)]
     starts, ends = np.append(0, holes + 1), np.append(holes, len(time) - 1)
     long = time[ends] - time[starts] >= _LEAST
     stops = np.nextafter(time[ends], np.inf)
@@ -118,7 +129,8 @@ def _parts(recording: Recording) -> list[Recording]:
     ]
     if not parts:
         return [recording]
-    parts = [from_known(p) if is_first or p.time[0] > time[0] else p for p in parts]
+    if not restarts:
+        parts = [p if known and p.time[0] == time[0] else from_known(p) for p in parts]
     holes = np.flatnonzero(unknown)
     if not holes.size:
         return parts

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.errors import some
 from walkerkit.gap.recordings.base_state import missing
-from walkerkit.gap.recordings.beginning import LONGEST_DELAY, from_known, moving
+from walkerkit.gap.recordings.beginning import LONGEST_DELAY, moving
 from walkerkit.gap.recordings.imu import has_imu
 from walkerkit.gap.recordings.recording import Recording
 
@@ -124,15 +124,11 @@ def _in_motion(recording: Recording) -> Iterator[str]:
     """A log that begins while joints move, whose commands before are not in it."""
     joints = moving(recording)
     if joints:
-        known = from_known(recording) is not recording
         yield (
             f"it begins while {some(joints)} move{'s' if len(joints) == 1 else ''}: what the "
-            "targets were before its first row is unknown, "
-            + (
-                f"and its first {LONGEST_DELAY:g} s only tell what was commanded"
-                if known
-                else "and was taken to be what they are there"
-            )
+            f"targets were before its first row is unknown. Replays of it as a whole begin "
+            f"{LONGEST_DELAY:g} s later, unless it is short, and take them to be what they are "
+            "there"
         )
 
 

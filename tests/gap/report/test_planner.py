@@ -47,7 +47,8 @@ def servo(tmp_path_factory: pytest.TempPathFactory) -> Problem:
     folder = tmp_path_factory.mktemp("servo")
     (folder / "servo.xml").write_text(SERVO)
     time = np.arange(0.0, 2.0, 0.004)
-    targets = [0.5 * np.sin(5 * time)[:, None], 0.3 * np.sin(7 * time)[:, None]]
+    # They begin at rest.
+    targets = [0.25 * (1 - np.cos(5 * time))[:, None], 0.15 * (1 - np.cos(7 * time))[:, None]]
     damped = HiddenEffect(effect="viscous_friction", joints=("knee",), values={"damping": 0.2})
     recordings = run_hardware(folder / "servo.xml", targets, rate=250.0, seed=1, hidden=[damped])
     return problem(folder / "servo.xml", recordings)

@@ -11,10 +11,11 @@ import pytest
 from tests.gap.search.test_naming import LEG, fitted, hide, problem_of
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.compare import Member, is_worth_a_name
-from walkerkit.gap.search.decision import LEAST_GAIN, TEMPERATURE
+from walkerkit.gap.search.decision import LEAST_GAIN, PRICE_PLACE, PRICE_RARE, TEMPERATURE
+from walkerkit.gap.search.fit import Promise
 from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.problem import Problem
-from walkerkit.gap.search.reduce import Reduction, ordinary
+from walkerkit.gap.search.reduce import Reduction, hoped_for, ordinary
 from walkerkit.gap.search.score import Scoring, memory_of
 from walkerkit.gap.search.slopes import Slopes, linearised, posterior_equations
 from walkerkit.gap.search.structure import Fit, Unit
@@ -209,3 +210,28 @@ def test_a_whole_fit_that_needs_all_is_its_most_probable_structure(leg: Problem)
         {"torque_bias": ("knee",)},
     ]
     assert found[0].key == reduction.whole.key
+
+
+def test_a_fit_hopes_for_the_most_probable_structure_within_it(leg: Problem, full: Fit) -> None:
+    """By a score that is a quadratic, of numbers that have nothing to do with each other."""
+    structure, rng, samples = full.structure, np.random.default_rng(0), 400.0
+    for _ in range(20):
+        curvature = 10 ** rng.uniform(-4, 0, len(full.values))
+        values = structure.zero + rng.normal(0, 1, len(full.values)) * structure.scale
+        hope = Promise(score=-5.0, values=values, normal=np.diag(curvature))
+        away = (values - structure.zero) / structure.scale
+        costs = samples / TEMPERATURE * 0.5 * curvature * away**2
+        prices = PRICE_PLACE + structure.surprise(values)
+        rare = np.array([not slot.term.effect.ordinary for slot in structure.slots])
+        # Cheapest first, until as much as may go has gone; of a rare effect one place stays.
+        order = np.argsort(costs)
+        order = [k for k in order if not rare[k] or k != order[np.flatnonzero(rare[order])[-1]]]
+        each = [
+            -samples / TEMPERATURE * hope.score
+            - PRICE_RARE
+            - costs[order[:count]].sum()
+            - np.delete(prices, order[:count]).sum()
+            for count in range(len(order) + 1)
+        ]
+        assert hoped_for(structure, hope, samples) == pytest.approx(max(each), rel=1e-6)
+        assert int(np.argmax(each)) not in (0, len(order))
