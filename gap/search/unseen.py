@@ -86,6 +86,7 @@ def by_unseen(problem: Problem, one: Fit) -> FloatArray | None:
 
     found = fits_finished([(start.structure, start.values) for start in starts], fitted)
     best = [min(mine, key=lambda fit: fit.score) for mine in _in_parts(found, len(found) // count)]
+    best = [fit if np.isfinite(fit.score) else one for fit in best]  # where all diverged
     residuals = objective.residuals([fit.case for fit in best])
     squares = np.stack([objective.block_squares(residual) for (residual,) in residuals])
     left_out: FloatArray = squares[part, np.arange(len(part))]
