@@ -263,8 +263,7 @@ def _not_known(
     gone = [unit for unit, own in rare.items() if stopped[own].any()]
     gone = gone or [[*rare][k] for k in _unknown(errors, [*rare.values()])]
     if gone:
-        units = {(term.effect.name, place) for term in structure.terms for place in term.places}
-        return [], structure.at(units - {*gone})
+        return [], structure.at(structure.units.keys() - {*gone})
     each = errors.of()
     least: dict[str, tuple[float, str]] = {}
     for term in structure.terms:

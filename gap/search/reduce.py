@@ -180,11 +180,7 @@ def hoped_for(structure: Structure, hope: Promise, samples: float) -> float:
         samples: independent ones that the score is of.
     """
     rest = _Values((hope.values - structure.zero) / structure.scale, _inverse(hope.normal))
-    units = {
-        (term.effect.name, place): structure.columns(term, place)
-        for term in structure.terms
-        for place in term.places
-    }
+    units = structure.units
     free = {(t.effect.name, p) for t in structure.terms for p in t.places if t.doubts(p)}
     kinds = sum(price_of_kind(term.effect.name) for term in structure.rare)
     left, best = [*units], -np.inf

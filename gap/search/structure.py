@@ -100,6 +100,15 @@ class Structure:
         """Its terms by name, site, and whether they are shared, in order."""
         return tuple((term.effect.name, term.sites, term.shared) for term in self.terms)
 
+    @cached_property
+    def units(self) -> dict[Unit, NDArray[np.intp]]:
+        """Each effect at each of its places, in order, to the indices of its numbers there."""
+        return {
+            (term.effect.name, place): self.columns(term, place)
+            for term in self.terms
+            for place in term.places
+        }
+
     def at(self, units: Collection[Unit]) -> Structure:
         """The structure with its effects at some of their places alone, (name, place) each."""
         terms = []

@@ -72,20 +72,23 @@ def by_unseen(problem: Problem, one: Fit) -> FloatArray | None:
     starts, near, own = list[Fit](), list[Slopes](), list[Objective]()
     for other in others:
         its = _of_the_rest(slopes.trusting(other.objective, one), one)
-        each = promises(other.objective, begun, its)
-        promised = [np.inf if one is None else one.score for one in each]
+        hopes = promises(other.objective, begun, its)
+        promised = [np.inf if hope is None else hope.score for hope in hopes]
         some = [begun[k] for k in np.argsort(promised, kind="stable")[:_FITTED]]
         starts += some
         near += near_slopes(other.objective, its, some)
         own += [other.objective] * len(some)
 
     def fitted() -> list[Fit]:
-        how: dict[str, bool] = {"certain": False, "near_enough": True}
-        found = polish_each(own, starts, near, iterations=_STEPS, **how)
-        return [fit for fit, _ in found]
+        ends = polish_each(own, starts, near, iterations=_STEPS, certain=False, near_enough=True)
+        return [fit for fit, _ in ends]
 
     found = fits_finished([(start.structure, start.values) for start in starts], fitted)
-    best = [min(mine, key=lambda fit: fit.score) for mine in _in_parts(found, len(found) // count)]
+    each = len(found) // count
+    best = [
+        min(found[first : first + each], key=lambda fit: fit.score)
+        for first in range(0, len(found), each)
+    ]
     best = [fit if np.isfinite(fit.score) else one for fit in best]  # where all diverged
     residuals = objective.residuals([fit.case for fit in best])
     squares = np.stack([objective.block_squares(residual) for (residual,) in residuals])
@@ -96,7 +99,7 @@ def by_unseen(problem: Problem, one: Fit) -> FloatArray | None:
 def _of_the_rest(slopes: Slopes, one: Fit) -> Slopes:
     """Those of a fit without its looks."""
     structure = one.structure
-    rest = structure.at({slot.unit for slot in structure.slots} - looks_of(structure))
+    rest = structure.at(structure.units.keys() - looks_of(structure))
     kept = found_in(rest, structure)
     return replace(slopes, structure=rest, jacobian=slopes.jacobian[kept])
 
@@ -115,20 +118,12 @@ def _begun(one: Fit) -> Iterator[FloatArray]:
     """(n_parameters,) values from which the looks of a fit are chosen, all else as it is."""
     structure, looks = one.structure, looks_of(one.structure)
     choices = []
-    for term in structure.rare:
-        for place in term.places:
-            if (term.effect.name, place) in looks:
-                own = structure.columns(term, place)
-                starts = [structure.slots[k].parameter.starts for k in own]
-                choices.append([(own, values) for values in zip(*starts, strict=True)])
+    for own in (own for unit, own in structure.units.items() if unit in looks):
+        starts = [structure.slots[k].parameter.starts for k in own]
+        choices.append([(own, values) for values in zip(*starts, strict=True)])
     few = math.prod(map(len, choices)) <= _MOST_STARTS
     for choice in itertools.product(*choices) if few else zip(*choices, strict=False):
         values = one.values.copy()
         for own, start in choice:
             values[own] = start
         yield np.clip(values, *structure.bounds)
-
-
-def _in_parts(fits: list[Fit], length: int) -> Iterator[list[Fit]]:
-    for first in range(0, len(fits), length):
-        yield fits[first : first + length]
