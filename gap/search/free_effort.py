@@ -42,15 +42,19 @@ def shapes(q: FloatArray, qd: FloatArray, effort: FloatArray) -> FloatArray:
         qd: velocities over the peak, (...).
         effort: of the drive over its peak, (...).
     """
+    found = np.empty((len(_NUMBERS), *q.shape))
     waves = np.arange(_WAVES + 1).reshape(-1, *(1 for _ in q.shape))
-    of_pose = np.cos(0.5 * np.pi * waves * (q + 1.0))
-    dry = np.tanh(qd / _TURNS)
+    of_pose = found[: _WAVES + 1]
+    np.cos(0.5 * np.pi * waves * (q + 1.0), out=of_pose)
+    dry, speed, load = np.tanh(qd / _TURNS), np.abs(qd), np.abs(effort)
     others = (
-        *(qd, qd * np.abs(qd), dry, np.tanh(qd / _BENDS)),
-        *(effort, effort * np.abs(effort), np.abs(effort) * dry, effort * np.abs(qd)),
+        *(qd, qd * speed, dry, np.tanh(qd / _BENDS)),
+        *(effort, effort * load, load * dry, effort * speed),
         *(dry * of_pose[1], dry * of_pose[2]),
     )
-    return np.concatenate([of_pose, np.stack(others)])
+    for row, values in zip(found[_WAVES + 1 :], others, strict=True):
+        row[...] = values
+    return found
 
 
 def _apply(step: Step, p: Parameters, state: State) -> None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, Literal, TypeVar
 
 import numpy as np
@@ -102,6 +103,11 @@ class NumericalError:
         """(k, 2) between which the factors of the changes lie."""
         return np.array([_FACTORS[way] for way in self.ways]).reshape(-1, 2)
 
+    @cached_property
+    def _products(self) -> FloatArray:
+        """(k, k, n_scored) of the changes with each other."""
+        return np.einsum("irc,jrc->ijc", self.changes, self.changes)  # type: ignore[no-any-return]
+
     def take_out(self, residual: FloatArray, weights: FloatArray) -> FloatArray:
         """Adds the best multiples of the changes to each (rows, n_scored) residual, in place.
 
@@ -112,10 +118,9 @@ class NumericalError:
         Returns:
             (n, k) those factors.
         """
-        if not self.changes.any():
+        if not self._products.any():
             return np.zeros((len(residual), len(self.changes)))
-        products = np.einsum("irc,jrc->ijc", self.changes, self.changes)
-        size = np.einsum("tc,ijc->tij", weights, products)
+        size = np.einsum("tc,ijc->tij", weights, self._products)
         along = np.einsum("tc,itc->ti", weights, np.einsum("irc,trc->itc", self.changes, residual))
         factors = bounded_least_squares(size, -along, self.bounds)
         for factor, change in zip(factors.T, self.changes, strict=True):
