@@ -275,7 +275,7 @@ def test_what_the_ordinary_bends_itself_to_follow_is_named(
     """Gains and a late command far from the model's nearly follow a late loop: a dead end."""
     hidden = hide("loop_delay", delay=0.02)
     others = ("position_gain", "actuator_lag", "velocity_filter", "asymmetric_friction")
-    found = diagnose(servo, logs(hidden), effects=(*MOVING, "loop_delay", *others))
+    found = diagnose(servo, brief(logs(hidden)), effects=(*MOVING, "loop_delay", *others))
     assert found.effects[0].effect == hidden.effect
     assert values(found.effects[0]) == pytest.approx({"delay": 0.02}, rel=0.05)
 
