@@ -118,6 +118,11 @@ class _Found:
     before: Sequence[_Replayed]
     after: Sequence[_Replayed]
 
+    def explains_as_much_as(self, best: _Found) -> bool:
+        """Whether it leaves as little; what is off by all of its motion, nothing explains."""
+        own, others = (np.minimum(one.left, 1.0) for one in (self, best))
+        return bool(np.nanmax(own - _ALIKE[1] * others) <= _ALIKE[0])
+
 
 def rewired_experiments(
     robots: Sequence[Robot],
@@ -225,8 +230,7 @@ class _Check:
         rivals = [
             one
             for one in found
-            if one.candidate.joints == best.candidate.joints
-            and np.nanmax(one.left - _ALIKE[1] * best.left) <= _ALIKE[0]
+            if one.candidate.joints == best.candidate.joints and one.explains_as_much_as(best)
         ]
         # Of errors that explain as much, the one with the fewest wires.
         rivals.sort(

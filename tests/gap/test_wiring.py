@@ -133,6 +133,17 @@ def test_a_flipped_sign_is_named(biped: Path, walk: Recording, signals: Sequence
     assert error.gap_after < 0.3 * error.gap_before
 
 
+def test_an_effort_that_no_sign_explains_chooses_none(biped: Path, walk: Recording) -> None:
+    """As a current that was filtered beyond recognition; what is nearer is nearer by chance."""
+    effort = walk.columns["left_knee/effort"]
+    noise = np.random.default_rng(0).standard_normal(len(effort))
+    unlike = np.std(effort) * (0.4 * noise - 0.2 * effort / np.std(effort))
+    log = replace(walk, columns={**walk.columns, "left_knee/effort": unlike})
+    flipped = ("left_knee/position", "left_knee/velocity")
+    (error,) = found(biped, exchanged(log, "sign_flip", flipped))
+    assert error.columns == flipped
+
+
 @pytest.mark.parametrize("signals", [s for s in FLIPS if s != ("velocity",)], ids="+".join)
 def test_swapped_joints_are_named(biped: Path, walk: Recording, signals: Sequence[str]) -> None:
     # Of legs that are alike, either name is right where all columns are exchanged.
