@@ -97,7 +97,7 @@ def _without_the_idle(problem: Problem, found: Fit, slopes: Slopes) -> tuple[Fit
     first, and all of it together is worth no name.
     """
     objective, tried, whole = problem.fit.objective, set[Unit](), slopes.residual
-    while units := list(dict.fromkeys(slot.unit for slot in found.structure.slots)):
+    while units := [*found.structure.units]:
         fewer = [found.structure.at({*units} - {unit}) for unit in units]
         starts = evaluate(
             objective, [(one, carried(found.values, found.structure, one)) for one in fewer]

@@ -74,16 +74,17 @@ class Reduction:
         self._given = _Values(away, _inverse(normal))
         self._joints = [channel.joint for channel in objective.channels]
         self._alike = TEMPERATURE / objective.samples
-        self.units = {
-            (term.effect.name, place): one.structure.columns(term, place)
+        may_go = {
+            term.effect.name
             for term in one.structure.terms
             if term.effect.name in CATALOGUE
             and (
                 term.effect.ordinary
                 or (term.effect.fitted and (any_may_go or len(term.places) > 1))
             )
-            for place in term.places
         }
+        units = one.structure.units
+        self.units = {unit: own for unit, own in units.items() if unit[0] in may_go}
 
         full = self._score([])
         # What slopes take for nothing, since they know no bounds of the numerical error.

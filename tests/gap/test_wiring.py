@@ -137,7 +137,7 @@ def test_an_effort_that_no_sign_explains_chooses_none(biped: Path, walk: Recordi
     """As a current that was filtered beyond recognition; what is nearer is nearer by chance."""
     effort = walk.columns["left_knee/effort"]
     noise = np.random.default_rng(0).standard_normal(len(effort))
-    unlike = np.std(effort) * (0.4 * noise - 0.2 * effort / np.std(effort))
+    unlike = 0.4 * np.std(effort) * noise - 0.2 * effort
     log = replace(walk, columns={**walk.columns, "left_knee/effort": unlike})
     flipped = ("left_knee/position", "left_knee/velocity")
     (error,) = found(biped, exchanged(log, "sign_flip", flipped))
