@@ -108,8 +108,8 @@ class Search:
         as_good = known.score < grown.score + LEAST_GAIN
         if problem.on_feet or (known.structure.terms and (others or as_good)):
             return told
-        found = self._grown(effects, nothing)
-        if found is nothing or found is known:
+        found = self._grown(effects, nothing, told=[known.structure.key])
+        if found is nothing:
             return told
         has = {term.effect.name for term in found.structure.terms}
         more = [t for t in plain.structure.terms if t.effect.name not in has]
@@ -130,10 +130,19 @@ class Search:
     def _choose_again(self, member: Member) -> None:
         self._book.choose_again(member, by_unseen(self._problem, member.fit))
 
-    def _grown(self, effects: Sequence[Effect], current: Fit) -> Fit:
-        """The structure that the table prefers, with as many rare effects as it wants."""
+    def _grown(
+        self, effects: Sequence[Effect], current: Fit, *, told: Collection[Hashable] = ()
+    ) -> Fit:
+        """The structure that the table prefers, with as many rare effects as it wants.
+
+        Args:
+            effects: the rare effects.
+            current: what they come on top of.
+            told: keys of structures beside which nothing more was found; where the table prefers
+                one of these, there is an end.
+        """
         problem, book = self._problem, self._book
-        met: set[object] = set()
+        met: set[Hashable] = {*told}
         while not problem.leaves_nothing(current):
             count = self._beside_the_ground(current)
             if count >= MOST_RARE or not self._effort.allows(f"{_NTH[count]} rare effect"):
