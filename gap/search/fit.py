@@ -80,10 +80,15 @@ def fit(
     Returns:
         The fits, in the order of `starts`; none scores worse than it started.
     """
-    return fits_finished(
-        [(start.structure, start.values) for start in starts],
-        lambda: _fit(objective, starts, iterations, leader, near, progress, stage),
-    )
+
+    def make() -> list[Fit]:
+        return [
+            found
+            for group in _kept_together([objective] * len(starts), starts)
+            for found in _fit(objective, starts[group], iterations, leader, near, progress, stage)
+        ]
+
+    return fits_finished([(start.structure, start.values) for start in starts], make)
 
 
 def _fit(
@@ -99,8 +104,7 @@ def _fit(
     active = [i for i, start in enumerate(best) if len(start.values) and np.isfinite(start.score)]
     taken = dict.fromkeys(active, 0)
     slopes: dict[int, Slopes] = {}
-    size = sum(len(best[i].values) for i in active) * objective.measured.nbytes
-    if near is not None and size <= _KEPT:
+    if near is not None:
         slopes = dict(
             zip(active, near_slopes(objective, near, [best[i] for i in active]), strict=True)
         )
@@ -381,17 +385,19 @@ def polished(
         return [one for one, _ in found]
 
     def make() -> list[Fit]:
-        sizes = [
-            its.measured.nbytes * len(start.values)
-            for its, start in zip(objectives, starts, strict=True)
-        ]
         return [
             found
-            for group in consecutive(sizes, _KEPT)
+            for group in _kept_together(objectives, starts)
             for found in some(starts[group], objectives[group])
         ]
 
     return fits_finished([(start.structure, start.values) for start in starts], make)
+
+
+def _kept_together(objectives: Sequence[Objective], starts: Sequence[Fit]) -> list[slice]:
+    """Consecutive starts whose slopes fit into memory together."""
+    each = zip(objectives, starts, strict=True)
+    return consecutive([its.measured.nbytes * len(one.values) for its, one in each], _KEPT)
 
 
 def _next_steps(

@@ -1,8 +1,8 @@
 """What slopes foretell of a fit's residual after any step: sums of squares, by algebra alone.
 
     foretold = Foretold(objective, slopes)
-    far = foretold.far(step)        # of what the residual is made there
-    foretold.squares(far)           # (n_blocks, n_scored)
+    far = foretold.far(step)             # of what the residual is made there
+    foretold.squares(far[None, None])    # (1, n_blocks, n_scored)
     foretold.score(step)
 
 A residual is made of columns: that of the fit, what each number changes, and what each way to
@@ -55,10 +55,8 @@ class Foretold:
         self._n_columns = self.along.shape[1]
         self._numbers, self._errors = slice(1, 1 + n), slice(1 + n, 1 + n + k)
         self._products = _products(objective, parts)
-        of_errors = [
-            _spread(columns, each.sum(axis=0), self._n_columns)[self._errors]
-            for columns, each in self._products
-        ]
+        self._whole = [(columns, each.sum(axis=0)) for columns, each in self._products]
+        of_errors = [_spread(*one, self._n_columns)[self._errors] for one in self._whole]
         self._of_errors = np.stack(of_errors)
 
     def far(self, step: FloatArray) -> FloatArray:
@@ -81,18 +79,28 @@ class Foretold:
         return found
 
     def squares(self, made_of: FloatArray) -> FloatArray:
-        """(n_columns,), or (n_blocks, n_columns) → (n_blocks, n_scored) sums of squares."""
+        """Sums of squares of blocks, of several residuals at once.
+
+        Args:
+            made_of: (n, n_blocks, n_columns) of what each is made in each block, or (n, 1,
+                n_columns) in all of them.
+
+        Returns:
+            (n, n_blocks, n_scored).
+        """
+        each = np.moveaxis(made_of, 0, -1)
         found = []
         for columns, products in self._products:
-            own = made_of[..., columns]
-            found.append(np.sum((products @ own[..., None])[..., 0] * own, axis=-1))
-        squares: FloatArray = np.maximum(np.stack(found, axis=1), 0.0)
+            own = each[:, columns]
+            found.append(np.sum((products @ own) * own, axis=1).T)
+        squares: FloatArray = np.maximum(np.stack(found, axis=-1), 0.0)
         return squares
 
     def mean_square(self, made_of: FloatArray) -> FloatArray:
         """(n_columns,) → (n_scored,) mean squares over all blocks."""
-        found: FloatArray = self.squares(made_of).sum(axis=0) / self._objective.count
-        return found
+        found = [made_of[own] @ products @ made_of[own] for own, products in self._whole]
+        squares: FloatArray = np.maximum(found, 0.0) / self._objective.count
+        return squares
 
     def score(self, step: FloatArray) -> float:
         """The score after a step, in scales, however long."""

@@ -147,10 +147,10 @@ class NumericalError:
         free = self.changes[(low < factors) & (factors < high)]
         if not len(free):
             return at[0], moved
-        along = np.einsum("c,irc,trc->it", weights, free, moved)
-        size = np.einsum("c,irc,jrc->ij", weights, free, free)
-        follow = np.linalg.pinv(size, hermitian=True) @ along
-        corrected = np.einsum("it,irc->trc", follow, free)
+        flat, weighted = free.reshape(len(free), -1), (free * weights).reshape(len(free), -1)
+        along = weighted @ moved.reshape(len(moved), free[0].size).T
+        follow = np.linalg.pinv(weighted @ flat.T, hermitian=True) @ along
+        corrected = (follow.T @ flat).reshape(moved.shape)
         return at[0], np.subtract(moved, corrected, out=corrected)
 
 

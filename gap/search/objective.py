@@ -61,10 +61,10 @@ class Moves:
     shown: NDArray[np.bool_]
 
     def apart(self, changes: NDArray[_Float]) -> NDArray[_Float]:
-        """(n_rows, rows, n_scored) changes → (n_moves, rows, n_scored)."""
+        """(n_rows, rows, n_scored) changes → (n_moves, rows, n_scored); NaN for what diverged."""
         moved = changes[self.row]
         if not self.shown.all():
-            np.copyto(moved, 0, where=~self.shown[:, None, :])
+            moved *= self.shown[:, None, :]
         return moved
 
 

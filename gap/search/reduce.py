@@ -98,11 +98,11 @@ class Reduction:
     @property
     def whole(self) -> Member:
         """The structure of the fit."""
-        return self._member([], self._given)
+        return self._members([([], self._given.away)])[0]
 
     def lacking(self, units: Sequence[Unit]) -> Member:
         """The structure without some units, to which the others have followed."""
-        return self._member(units, self._without(units))
+        return self._members([(units, self._without(units).away)])[0]
 
     def members(self) -> list[Member]:
         """The most probable structure, and those without each of its ordinary effects."""
@@ -118,7 +118,7 @@ class Reduction:
             few: it also lacks what is worth no name, though it may be more probable with that.
         """
         dropped, values = list(first), self._without(first)
-        best = most = self._member(dropped, values)
+        less = [([*dropped], values.away.copy())]
         left = [unit for unit in self.units if unit not in dropped]
         while left := [unit for unit in left if self._may_go(unit, dropped)]:
             cost = [max(values.cost_without(self.units[u]), self._alone[u]) for u in left]
@@ -128,7 +128,10 @@ class Reduction:
             left.remove(cheapest)
             dropped.append(cheapest)
             values.leave_out(self.units[cheapest])
-            member = self._member(dropped, values)
+            less.append(([*dropped], values.away.copy()))
+        best, *others = self._members(less)
+        most = best
+        for member in others:
             if self._worth(member) >= self._worth(most):
                 best = most = member
             elif few and not is_worth_a_name(member, most, self._joints):
@@ -157,17 +160,24 @@ class Reduction:
     def _rank(self, unit: Unit) -> int:
         return tuple(CATALOGUE).index(unit[0])  # the most usual first
 
-    def _member(self, dropped: Iterable[Unit], values: _Values) -> Member:
-        gone = [k for unit in dropped for k in self.units[unit]]
-        kept = np.setdiff1d(np.arange(len(values.away)), gone)
-        moved = values.away - self._given.away
-        return Member(
-            effects=_effects([self._fit.structure.slots[k] for k in kept]),
-            scores=self._scoring.scores(self._foretold.far(moved), kept, self._memory),
-            fit=self._fit,
-            kept=kept,
-            values=self._fit.values + moved * self._fit.structure.scale,
-        )
+    def _members(self, less: Sequence[tuple[Sequence[Unit], FloatArray]]) -> list[Member]:
+        """Structures, of which each lacks some units, and has (n_parameters,) numbers that far."""
+        slots, given = self._fit.structure.slots, self._given.away
+        gone = [[k for unit in dropped for k in self.units[unit]] for dropped, _ in less]
+        kept = [np.setdiff1d(np.arange(len(slots)), own) for own in gone]
+        moved = [away - given for _, away in less]
+        made_of = [self._foretold.far(step) for step in moved]
+        scores = self._scoring.scores([*zip(made_of, kept, strict=True)], self._memory)
+        return [
+            Member(
+                effects=_effects([slots[k] for k in own]),
+                scores=its,
+                fit=self._fit,
+                kept=own,
+                values=self._fit.values + step * self._fit.structure.scale,
+            )
+            for own, step, its in zip(kept, moved, scores, strict=True)
+        ]
 
 
 def hoped_for(structure: Structure, hope: Promise, samples: float) -> float:

@@ -2,7 +2,7 @@
 
     foretold = Foretold(objective, slopes)
     scoring = Scoring(objective, fit, foretold, noise)
-    scores = scoring.scores(foretold.far(step), kept, memory_of(objective, slopes.residual))
+    (scores,) = scoring.scores([(foretold.far(step), kept)], memory_of(objective, slopes.residual))
     scores.elpd(scores)     # (n_blocks,) log densities
 
 A block is half a second. Its score is the log density of its residual, under a multivariate
@@ -17,6 +17,7 @@ out as a whole; the score is the mean of both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -170,28 +171,34 @@ class Scoring:
             self._together.append(recording)
         self._prior = one.structure.prior_curvature(one.values) / objective.prior_samples
 
-    def scores(self, far: FloatArray, kept: NDArray[np.intp], memory: FloatArray) -> Scores:
-        """Those of one structure.
+    def scores(
+        self, structures: Sequence[tuple[FloatArray, NDArray[np.intp]]], memory: FloatArray
+    ) -> list[Scores]:
+        """Those of some structures.
 
         Args:
-            far: (n_columns,) of what its residual is made.
-            kept: indices of the values that it has; the others are fixed.
+            structures: of each (n_columns,) of what its residual is made, and indices of the values
+                that it has; the others are fixed.
             memory: (n_scored,) of the residuals.
         """
-        squares, elsewhere = self._left_out(far, kept)
-        return Scores(
-            squares=squares,
-            elsewhere=elsewhere,
-            count=self._count,
-            memory=memory,
-            floor=self._floor,
-        )
+        made_of = [one for far, kept in structures for one in self._without_parts(far, kept)]
+        squares = self._foretold.squares(np.stack(made_of))
+        last = len(made_of) // len(structures) - 1
+        return [
+            Scores(
+                squares=each[0].copy(),  # which lasts longer than the others
+                elsewhere=each[last].copy(),
+                count=self._count,
+                memory=memory,
+                floor=self._floor,
+            )
+            for each in np.split(squares, len(structures))
+        ]
 
-    def _left_out(self, far: FloatArray, kept: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """(n_blocks, n_scored) sums of squares of blocks without their part and their recording."""
+    def _without_parts(self, far: FloatArray, kept: NDArray[np.intp]) -> list[FloatArray]:
+        """(n_blocks, n_columns) of what blocks are made without their part, or recording."""
         if not len(kept):
-            squares = self._foretold.squares(far)
-            return squares, squares
+            return [np.tile(far, (len(self._part), 1)) for _ in self._together]
         normal = self._normal[:, kept[:, None], kept]
         total = normal.sum(axis=0) + np.diag(self._prior[kept])
         pull = self._pull[:, kept] @ far
@@ -205,8 +212,8 @@ class Scoring:
             without = total - np.tensordot(has, normal, 1) + ridge
             step = np.linalg.solve(without, (has @ pull)[..., None])[of_part, :, 0]
             moved = far + step @ self._foretold.along[kept]
-            found.append(self._foretold.squares(moved[self._part]))
-        return found[0], found[-1]
+            found.append(moved[self._part])
+        return found
 
 
 def memory_of(objective: Objective, residual: FloatArray) -> FloatArray:

@@ -176,19 +176,17 @@ def linearised_each(
             secant *= (one.structure.scale[some] / move)[:, None, None]
             secant[~np.isfinite(secant.sum(axis=(1, 2)))] = 0.0  # what diverged
             secants.append(secant)
-        found = np.mean(secants, axis=0) if objective.jumps else secants[0]
-        jacobian = found
-        if len(some) < len(one.values):
-            jacobian = np.zeros((len(one.values), *residual.shape))
-            jacobian[some] = found
         slopes = Slopes(
             structure=one.structure,
             residual=residual,
-            jacobian=jacobian,
+            jacobian=np.mean(secants, axis=0) if objective.jumps else secants[0],
             simulated=len(perturbed.case.values) - 1,
         )
         if correct:
             slopes.correct(objective.in_the_light_of(one.case))
+        if len(some) < len(one.values):
+            found, slopes.jacobian = slopes.jacobian, np.zeros((len(one.values), *residual.shape))
+            slopes.jacobian[some] = found
         yield slopes
 
 
@@ -207,11 +205,8 @@ def near_slopes(objective: Objective, near: Slopes, starts: Sequence[Fit]) -> It
         starts, places, linearised_each([objective] * len(starts), starts, own), strict=True
     ):
         scale = start.structure.scale / near.structure.scale[place]
-        slopes.jacobian = np.where(
-            (place < 0)[:, None, None],
-            slopes.jacobian,
-            near.jacobian[place] * scale[:, None, None],
-        )
+        for k in np.flatnonzero(place >= 0):
+            np.multiply(near.jacobian[place[k]], scale[k], out=slopes.jacobian[k])
         slopes.fresh = slopes.sure = False
         slopes.simulated = len(place)
         yield slopes

@@ -73,7 +73,8 @@ def test_squares_are_those_of_the_residual_where_a_step_leads(linear, step):
     foretold = Foretold(one, slopes)
     residual = foretold_residual(one, slopes, step)
     far = foretold.far(step)
-    np.testing.assert_allclose(foretold.squares(far), one.block_squares(residual), rtol=1e-6)
+    (found,) = foretold.squares(far[None, None])
+    np.testing.assert_allclose(found, one.block_squares(residual), rtol=1e-6)
     np.testing.assert_allclose(foretold.mean_square(far), one.mean_square(residual), rtol=1e-6)
     assert foretold.score(step) == pytest.approx(float(one.score(one.mean_square(residual))))
 
@@ -86,7 +87,7 @@ def test_a_small_step_goes_along_the_slopes_with_the_error_following(linear):
     steps = np.linspace(-1.0, 2.0, 2 * blocks).reshape(blocks, 2)
     moved = foretold_residual(one, slopes, np.zeros(2))
     moved += np.einsum("rk,krc->rc", steps[one.block], slopes.jacobian)
-    found = foretold.squares(far + steps @ foretold.along)
+    (found,) = foretold.squares((far + steps @ foretold.along)[None])
     np.testing.assert_allclose(found, one.block_squares(moved), rtol=1e-6)
 
 
@@ -100,7 +101,8 @@ def test_what_changes_one_channel_alone_leaves_the_other(walked):
         jacobian[0, :, 1] = jacobian[1, :, 0] = 0.0
     foretold, step = Foretold(one, slopes), np.array([0.3, -0.2])
     expected = one.block_squares(foretold_residual(one, slopes, step))
-    np.testing.assert_allclose(foretold.squares(foretold.far(step)), expected, rtol=1e-6)
+    (found,) = foretold.squares(foretold.far(step)[None, None])
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_products_are_those_of_the_slopes(linear):
@@ -120,5 +122,6 @@ def test_slopes_that_keep_no_numerical_error_say_all(linear, step):
     foretold = Foretold(one, slopes)
     residual = slopes.residual + np.tensordot(step, slopes.jacobian, 1)
     far = foretold.far(step)
-    np.testing.assert_allclose(foretold.squares(far), one.block_squares(residual), rtol=1e-6)
+    (found,) = foretold.squares(far[None, None])
+    np.testing.assert_allclose(found, one.block_squares(residual), rtol=1e-6)
     assert foretold.along @ far == pytest.approx(step)

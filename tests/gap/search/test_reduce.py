@@ -122,7 +122,7 @@ class Dropping:
             effects[name] = (*effects.get(name, ()), place)
         return Member(
             effects=effects,
-            scores=self.scoring.scores(self.foretold.far(moved), np.sort(kept), self.memory),
+            scores=self.scoring.scores([(self.foretold.far(moved), np.sort(kept))], self.memory)[0],
             fit=self.full,
             kept=np.sort(kept),
             values=self.full.values + moved * self.full.structure.scale,
