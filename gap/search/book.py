@@ -273,9 +273,29 @@ class Book:
         objective, reach = self._problem.fit.objective, _OUT_OF_REACH * TEMPERATURE
         if (one.score - beside.score) * objective.samples <= reach:
             return False
-        (before,), (after,) = objective.residuals([beside.case, one.case])
-        wildness = Wildness(objective, before, self._problem.noise)
-        return wildness.density(before) - wildness.density(after) > reach
+        before, after = self._densities([beside, one], beside)
+        return before - after > reach
+
+    def likeliest(self, fits: Sequence[Fit], current: Fit) -> list[Fit]:
+        """Of some fits the likeliest of each structure, by the density of the comparison.
+
+        Args:
+            fits: the fits.
+            current: one at which the numerical error is known.
+        """
+        found: dict[Hashable, tuple[float, Fit]] = {}
+        for density, one in zip(self._densities(fits, current), fits, strict=True):
+            key = one.structure.key
+            if key not in found or density > found[key][0]:
+                found[key] = density, one
+        return [one for _, one in found.values()]
+
+    def _densities(self, fits: Sequence[Fit], current: Fit) -> list[float]:
+        """Log densities of the residuals of some fits, where blocks are as wild as beside one."""
+        objective = self._problem.fit.objective
+        (here,), *each = objective.residuals([one.case for one in (current, *fits)])
+        wildness = Wildness(objective, here, self._problem.noise)
+        return [wildness.density(residual) for (residual,) in each]
 
     def _tried(self, one: Fit, beside: Fit) -> None:
         rare = one.structure.rare

@@ -90,8 +90,8 @@ def _covariance(
     """(n_parameters, n_parameters) by some slopes, in the parameters' scales."""
     count, error = len(one.values), objective.numerical
     moved = np.concatenate([slopes.as_simulated, error.changes])
-    weighted = moved * objective.weights(one.mean_square)
-    normal = np.einsum("irc,jrc->ij", weighted, moved, optimize=True)
+    weights = objective.weights(one.mean_square)
+    normal = _gram(moved, weights)
     # What is known without the recordings: how large numbers are, and that the factors of the
     # numerical error lie between their bounds.
     known = (
@@ -103,7 +103,7 @@ def _covariance(
         )
         / objective.samples
     )
-    pull = np.einsum("irc,rc->ir", weighted, slopes.residual)
+    pull = np.einsum("irc,rc->ir", moved, slopes.residual * weights)
     scores = np.stack([np.bincount(objective.block, weights=row) for row in pull])
     blocks = scores.shape[1]
     meat = scores @ scores.T * (blocks / max(1, blocks - count))
@@ -112,9 +112,15 @@ def _covariance(
     if noise is not None:
         # Channel by channel, since what one lacks says nothing of a number that moves another.
         beyond = objective.count * np.maximum(one.mean_square - noise**2, 0.0)
-        along = np.einsum("irc,jrc,c->ij", weighted, weighted, beyond, optimize=True)
-        found += _ALIGNED**2 * inverse @ along @ inverse
+        found += _ALIGNED**2 * inverse @ _gram(moved, weights**2 * beyond) @ inverse
     return found[:count, :count]
+
+
+def _gram(changes: FloatArray, weights: FloatArray) -> FloatArray:
+    """(n, n) products of (n, rows, n_scored) changes, with (n_scored,) weights."""
+    flat = (changes * np.sqrt(weights)).reshape(len(changes), np.prod(changes.shape[1:]))
+    found: FloatArray = flat @ flat.T
+    return found
 
 
 def sensitivity(one: Fit, normal: FloatArray) -> FloatArray:

@@ -220,6 +220,7 @@ class Search:
 
         If tamed, also where a few wild blocks do not outvote the rest, as they do not in the table;
         on feet, where a look takes long, only if the table prefers no other rare effects by then.
+        Of two fits of one structure the likelier enters.
         """
         problem, book = self._problem, self._book
         near, before = book.slopes(current), book.best.fit.structure.rare
@@ -233,18 +234,19 @@ class Search:
             instead_of=instead_of,
             aside=self._aside,
         )
-        for one in found(problem, current, near, always=always):
-            self._enter(one, beside)
-        if not tamed or (problem.on_feet and book.best.fit.structure.rare != before):
-            return
-        tame = without_the_wild(problem, current)
-        if tame is None:
-            return
-        its = near.trusting(tame.fit.objective, current)
-        again = found(tame, tame.fit.by_own_error(current), its)
-        problem.fit.refine(current)
-        starts = [(one.structure, one.values) for one in again]
-        for one in evaluate(problem.fit.objective, starts):
+        fits = found(problem, current, near, always=always)
+        if problem.on_feet:
+            for one in fits:
+                self._enter(one, beside)
+            tamed, fits = tamed and book.best.fit.structure.rare == before, []
+        tame = without_the_wild(problem, current) if tamed else None
+        if tame is not None:
+            its = near.trusting(tame.fit.objective, current)
+            again = found(tame, tame.fit.by_own_error(current), its)
+            problem.fit.refine(current)
+            starts = [(one.structure, one.values) for one in again]
+            fits = book.likeliest([*fits, *evaluate(problem.fit.objective, starts)], current)
+        for one in fits:
             self._enter(one, beside)
 
     def _ended(self, one: Fit) -> Fit:
