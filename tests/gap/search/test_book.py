@@ -250,6 +250,17 @@ def test_what_is_far_behind_what_is_beside_it_is_not_looked_at(
     assert book.has(book.add(known["at the knee"], beside=beside))
 
 
+def test_of_two_fits_of_one_structure_the_likelier_is_kept(
+    leg: Problem, known: dict[str, Fit]
+) -> None:
+    book, right, other = Book(leg), known["at the knee"], known["at both"]
+    beside = book.add(known["rubbed"])
+    leg.fit.refine(beside)
+    worse = changed(leg, right, knee=0.3 * right.values[-1])
+    assert book.likeliest([worse, other, right], beside) == [right, other]
+    assert book.likeliest([other], beside) == [other]
+
+
 def test_gains_are_what_was_tried_takes_off_the_score(leg: Problem, known: dict[str, Fit]) -> None:
     book = Book(leg)
     beside = book.add(known["rubbed"])

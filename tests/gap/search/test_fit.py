@@ -603,6 +603,29 @@ class TestFit:
             np.testing.assert_array_equal(found.values, alone.values)
             assert found.score <= start.score
 
+    def test_slopes_of_a_known_fit_serve_however_many_starts_fit_into_memory(
+        self, problem, monkeypatch
+    ):
+        robot, recording, _ = problem
+        kinds = ("torque_bias", "viscous_friction", "parallel_spring")
+        known = structure([robot], armature=["hip"])
+        found, simulated = [], []
+        for memory in (2**28, 1):
+            monkeypatch.setattr(fit_module, "_KEPT", memory)
+            one, rows = counted(robot, recording)
+            (near,) = evaluate(one, [(known, np.array([0.01]))])
+            starts = [
+                evaluate(one, [(tried, carried(near.values, known, tried))])[0]
+                for tried in (structure([robot], armature=["hip"], **{k: ["hip"]}) for k in kinds)
+            ]
+            slopes = linearised(one, near)
+            rows.clear()
+            found.append(fit(one, starts, iterations=1, near=slopes))
+            simulated.append(sum(rows))
+        assert simulated[0] == simulated[1]
+        for one, other in zip(*found, strict=True):
+            np.testing.assert_array_equal(one.values, other.values)
+
     def test_stays_within_its_bounds_and_finds_the_best_there(self, problem):
         robot, _, _ = problem
         # Damping can be taken away, and friction that is not there cannot.
