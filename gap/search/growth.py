@@ -108,7 +108,7 @@ class Search:
         as_good = known.score < grown.score + LEAST_GAIN
         if problem.on_feet or (known.structure.terms and (others or as_good)):
             return told
-        found = self._grown(effects, nothing, told=[known.structure.key])
+        found = self._grown(effects, nothing, known=[known.structure.key])
         if found is nothing:
             return told
         has = {term.effect.name for term in found.structure.terms}
@@ -131,18 +131,18 @@ class Search:
         self._book.choose_again(member, by_unseen(self._problem, member.fit))
 
     def _grown(
-        self, effects: Sequence[Effect], current: Fit, *, told: Collection[Hashable] = ()
+        self, effects: Sequence[Effect], current: Fit, *, known: Collection[Hashable] = ()
     ) -> Fit:
         """The structure that the table prefers, with as many rare effects as it wants.
 
         Args:
             effects: the rare effects.
             current: what they come on top of.
-            told: keys of structures beside which nothing more was found; where the table prefers
+            known: keys of structures beside which nothing more was found; where the table prefers
                 one of these, there is an end.
         """
         problem, book = self._problem, self._book
-        met: set[Hashable] = {*told}
+        met: set[Hashable] = {*known}
         while not problem.leaves_nothing(current):
             count = self._beside_the_ground(current)
             if count >= MOST_RARE or not self._effort.allows(f"{_NTH[count]} rare effect"):
@@ -238,7 +238,8 @@ class Search:
         if problem.on_feet:
             for one in fits:
                 self._enter(one, beside)
-            tamed, fits = tamed and book.best.fit.structure.rare == before, []
+            fits = []
+            tamed = tamed and book.best.fit.structure.rare == before
         tame = without_the_wild(problem, current) if tamed else None
         if tame is not None:
             its = near.trusting(tame.fit.objective, current)

@@ -98,11 +98,11 @@ class Reduction:
     @property
     def whole(self) -> Member:
         """The structure of the fit."""
-        return self._members([([], self._given.away)])[0]
+        return self._each_lacking([([], self._given.away)])[0]
 
     def lacking(self, units: Sequence[Unit]) -> Member:
         """The structure without some units, to which the others have followed."""
-        return self._members([(units, self._without(units).away)])[0]
+        return self._each_lacking([(units, self._without(units).away)])[0]
 
     def members(self) -> list[Member]:
         """The most probable structure, and those without each of its ordinary effects."""
@@ -129,7 +129,7 @@ class Reduction:
             dropped.append(cheapest)
             values.leave_out(self.units[cheapest])
             less.append(([*dropped], values.away.copy()))
-        best, *others = self._members(less)
+        best, *others = self._each_lacking(less)
         most = best
         for member in others:
             if self._worth(member) >= self._worth(most):
@@ -160,7 +160,7 @@ class Reduction:
     def _rank(self, unit: Unit) -> int:
         return tuple(CATALOGUE).index(unit[0])  # the most usual first
 
-    def _members(self, less: Sequence[tuple[Sequence[Unit], FloatArray]]) -> list[Member]:
+    def _each_lacking(self, less: Sequence[tuple[Sequence[Unit], FloatArray]]) -> list[Member]:
         """Structures, of which each lacks some units, and has (n_parameters,) numbers that far."""
         slots, given = self._fit.structure.slots, self._given.away
         gone = [[k for unit in dropped for k in self.units[unit]] for dropped, _ in less]
