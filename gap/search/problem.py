@@ -45,6 +45,8 @@ _TIMESTEP = 2e-3  # s, MuJoCo's own; parts are simulated no finer where that tel
 _MOST_WHOLE = 2.0  # times what is fitted in stretches
 _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
+_VALUES_OF_A_STEP = 12  # of the parts that are looked at; of more channels fewer samples are
+_APART = 0.01  # s; how far apart these are at most
 _MOST_PARTS = 8  # that are kept, with their numerical errors
 _RATHER = 0.5  # of what another way to read or to start changes, which is then the one told of
 _AT_FLOOR = 1.15  # gaps within this factor of the floor leave nothing to propose for
@@ -277,7 +279,8 @@ def build(
         some = making.picked(fitted, small, stretch, gaps)
         where = tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
         key = stretch, longer, where
-        return parts.get(key, lambda: making.half(fitted, some, fit.told, longer))
+        every = making.thinned(some, most)
+        return parts.get(key, lambda: making.half(fitted, some, fit.told, longer, every))
 
     return Problem(
         robots=making.robots,
@@ -373,6 +376,7 @@ class _Making:
         chosen: Sequence[Sequence[Segment]],
         told: tuple[Replay, ...] | None = None,
         longer: int = 1,
+        every: int = 1,
     ) -> Half:
         """Recordings of each robot, of which some stretches are compared.
 
@@ -381,6 +385,7 @@ class _Making:
             chosen: their stretches.
             told: their replays over the horizon that the gap is told of, where they are known.
             longer: how many times as long the steps are.
+            every: of how many samples one is compared.
         """
 
         def stepped(robot: Robot) -> Robot:
@@ -388,7 +393,9 @@ class _Making:
 
         def finer() -> Mapping[Way, Objective]:
             def made(remake: Remake) -> Objective:
-                replays = self._replays(chosen, lambda one: remake(stepped(one)), self._scored)
+                replays = self._replays(
+                    chosen, lambda one: remake(stepped(one)), self._scored, every
+                )
                 return self._objective(replays)
 
             ways = other_ways(self._given, self._scored, self._hold)
@@ -399,9 +406,24 @@ class _Making:
         return Half(
             recordings=tuple(tuple(r) for r in recordings),
             told=told,
-            objective=self._objective(self._replays(chosen, stepped)),
+            objective=self._objective(self._replays(chosen, stepped, every=every)),
             make_finer=finer,
         )
+
+    def thinned(self, chosen: Sequence[Sequence[Segment]], most: int) -> int:
+        """Of how many samples one is enough, where many channels are looked at.
+
+        On feet all are: what touches down shows in single samples.
+
+        Args:
+            chosen: stretches of each robot's recordings.
+            most: steps that they are at most.
+        """
+        segments = [segment for mine in chosen for segment in mine]
+        samples = sum(segment.last - segment.first for segment in segments)
+        apart = sum(segment.duration for segment in segments) / samples
+        enough = samples * len(self._scored) // (_VALUES_OF_A_STEP * most)
+        return 1 if self._on_feet else max(1, min(enough, int(_APART / apart)))
 
     def share(self, recordings: Sequence[Sequence[Recording]], most: int) -> float:
         """What of recordings may be simulated again and again, in so many steps."""
@@ -451,6 +473,7 @@ class _Making:
         chosen: Sequence[Sequence[Segment]],
         remade: Remake = lambda robot: robot,
         kept: Sequence[Channel] | None = None,
+        every: int = 1,
     ) -> tuple[Replay, ...]:
         return tuple(
             Replay(
@@ -460,6 +483,7 @@ class _Making:
                 hold=self._hold,
                 # Robots are side by side.
                 n_threads=self._n_threads if len(self.robots) == 1 else 1,
+                every=every,
             )
             for robot, mine in zip(self.robots, chosen, strict=True)
             if mine

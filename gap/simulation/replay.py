@@ -83,6 +83,7 @@ class Replay:
         channels: what to compare.
         hold: what the targets are between their samples.
         n_threads: threads of the simulation, 0 for all cores.
+        every: of how many samples one is compared.
 
     Attributes:
         measured: (rows, channels), NaN where a recording lacks the channel.
@@ -98,26 +99,29 @@ class Replay:
         *,
         hold: Hold = "zero_order",
         n_threads: int = 0,
+        every: int = 1,
     ):
         self.robot = robot
         self.segments = tuple(segments)
         self.channels = tuple(channels)
         self.n_threads = n_threads
+        self._every = every
         self._hold: Hold = hold
         self._rebuilt = Latest(_MOST_REBUILT)
-        lengths = [segment.last - segment.first for segment in segments]
+        samples = [slice(segment.first, segment.last, every) for segment in segments]
+        lengths = [len(range(some.start, some.stop, every)) for some in samples]
         ends = np.cumsum(lengths)
         rows = [slice(int(e - n), int(e)) for e, n in zip(ends, lengths, strict=True)]
         self.segment_of_row = np.repeat(np.arange(len(lengths)), lengths)
         self.time_of_row = np.concatenate(
-            [s.recording.time[s.first : s.last] - s.start for s in segments]
+            [s.recording.time[some] - s.start for s, some in zip(segments, samples, strict=True)]
         )
         self.measured = np.full((int(ends[-1]), len(self.channels)), np.nan)
-        for segment, span in zip(segments, rows, strict=True):
+        for segment, some, span in zip(segments, samples, rows, strict=True):
             for c, channel in enumerate(self.channels):
                 column = channel.measured(segment.recording)
                 if column is not None:
-                    self.measured[span, c] = column[segment.first : segment.last]
+                    self.measured[span, c] = column[some]
         self._groups = [
             Group(robot, [segments[i] for i in members], [rows[i] for i in members], hold)
             for members in similar_lengths(segments, MOST_STEPS * robot.model.opt.timestep)
@@ -139,18 +143,22 @@ class Replay:
 
     def of(self, segments: Sequence[Segment]) -> Replay:
         """The same of other segments, which measure the same joints."""
-        return Replay(
-            self.robot, segments, self.channels, hold=self._hold, n_threads=self.n_threads
-        )
+        return self._with(self.robot, segments, self.channels)
 
     def on(self, robot: Robot, channels: Sequence[Channel] | None = None) -> Replay:
         """The same segments on another robot; of other channels where these are given."""
+        return self._with(robot, self.segments, self.channels if channels is None else channels)
+
+    def _with(
+        self, robot: Robot, segments: Sequence[Segment], channels: Sequence[Channel]
+    ) -> Replay:
         return Replay(
             robot,
-            self.segments,
-            self.channels if channels is None else channels,
+            segments,
+            channels,
             hold=self._hold,
             n_threads=self.n_threads,
+            every=self._every,
         )
 
     def predict(self, trials: Trials) -> FloatArray:

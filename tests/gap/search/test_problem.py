@@ -2,21 +2,25 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from tests.gap.servo import SERVO
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.experiments.experiment import load_experiments
+from walkerkit.gap.recordings.recording import Recording
 from walkerkit.gap.rehearsal.hardware import run_hardware
 from walkerkit.gap.rehearsal.hidden import HiddenEffect
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.half import Half
 from walkerkit.gap.search.naming import name_effects
-from walkerkit.gap.search.problem import Problem
+from walkerkit.gap.search.problem import Problem, build
+from walkerkit.gap.simulation.load_robot import robot_from_spec
 from walkerkit.gap.workflow import prepare
 
 LIMIT, JUMP = 3.0, 2.6  # N·m, s
+SIGNALS = ("position", "velocity", "position_target")
 
 
 def servo_of(folder: Path, text: str) -> Problem:
@@ -96,3 +100,36 @@ def test_parts_never_take_longer_steps_than_mujoco_itself(tmp_path: Path) -> Non
 def test_what_is_no_longer_is_searched_whole(servo: Problem) -> None:
     assert servo.excerpt is servo.fit
     assert servo.screen is not servo.fit
+
+
+@pytest.mark.parametrize(
+    ("joints", "rate", "apart"),
+    [(2, 500.0, 0.002), (40, 500.0, 0.006), (40, 125.0, 0.008), (80, 500.0, 0.01)],
+)
+def test_of_many_channels_fewer_samples_are_looked_at(
+    joints: int, rate: float, apart: float
+) -> None:
+    names = [f"joint_{k}" for k in range(joints)]
+    bodies = "".join(
+        f'<body pos="{k} 0 0"><joint name="{name}" axis="0 1 0"/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1" contype="0"/></body>'
+        for k, name in enumerate(names)
+    )
+    servos = "".join(f'<position name="{name}" joint="{name}" kp="20"/>' for name in names)
+    robot = robot_from_spec(
+        mujoco.MjSpec.from_string(
+            f"<mujoco><worldbody>{bodies}</worldbody><actuator>{servos}</actuator></mujoco>"
+        ),
+        "many.xml",
+    )
+    time = np.arange(round(30 * rate)) / rate
+    wave = 0.3 * np.sin(3 * time)
+    columns = {f"{name}/{signal}": wave for name in names for signal in SIGNALS}
+    logs = [Recording(name=name, time=time, columns=columns) for name in ("a", "b")]
+    problem = build([robot], [logs[:1]], [logs[1:]], window=None, hold="zero_order", n_threads=1)
+    spacing = []
+    for half in (problem.screen, problem.fit):
+        for objective in (half.objective, half.finer["half"]):
+            (replay,) = objective.replays
+            spacing.append(float(np.median(np.diff(replay.time_of_row))))
+    assert spacing == pytest.approx([apart, apart, 1 / rate, 1 / rate])

@@ -180,6 +180,20 @@ class TestByHand:
             row += len(within)
         assert row == len(got)
 
+    @pytest.mark.parametrize("time", [np.arange(0, 1, 0.003), irregular()], ids=["even", "uneven"])
+    def test_a_few_samples_are_as_among_all(self, time):
+        robot, segments = arm(), windows(log(time), 0.2)
+        of_all, few = (Replay(robot, segments, CHANNELS, every=n) for n in (1, 3))
+        chosen = np.concatenate(
+            [np.flatnonzero(of_all.segment_of_row == k)[::3] for k in range(len(segments))]
+        )
+        trials = Trials(robot, 2)
+        for one in (few, few.on(robot), few.of(segments), few.of_segments(range(len(segments)))):
+            np.testing.assert_array_equal(one.measured, of_all.measured[chosen])
+            np.testing.assert_array_equal(one.time_of_row, of_all.time_of_row[chosen])
+            np.testing.assert_array_equal(one.segment_of_row, of_all.segment_of_row[chosen])
+            np.testing.assert_array_equal(one.predict(trials), of_all.predict(trials)[:, chosen])
+
     def test_interpolated_targets(self):
         robot, recording = arm(), log(irregular())
         time = recording.time
