@@ -273,7 +273,7 @@ class Book:
         objective, reach = self._problem.fit.objective, _OUT_OF_REACH * TEMPERATURE
         if (one.score - beside.score) * objective.samples <= reach:
             return False
-        before, after = self._densities([beside, one], beside)
+        before, after = self._densities([beside, one])
         return before - after > reach
 
     def likeliest(self, fits: Sequence[Fit], current: Fit) -> list[Fit]:
@@ -284,18 +284,19 @@ class Book:
             current: one at which the numerical error is known.
         """
         found: dict[Hashable, tuple[float, Fit]] = {}
-        for density, one in zip(self._densities(fits, current), fits, strict=True):
+        _, *densities = self._densities([current, *fits])
+        for density, one in zip(densities, fits, strict=True):
             key = one.structure.key
             if key not in found or density > found[key][0]:
                 found[key] = density, one
         return [one for _, one in found.values()]
 
-    def _densities(self, fits: Sequence[Fit], current: Fit) -> list[float]:
-        """Log densities of the residuals of some fits, where blocks are as wild as beside one."""
+    def _densities(self, fits: Sequence[Fit]) -> list[float]:
+        """Log densities of the residuals of some fits, with the memory of the first."""
         objective = self._problem.fit.objective
-        (here,), *each = objective.residuals([one.case for one in (current, *fits)])
-        wildness = Wildness(objective, here, self._problem.noise)
-        return [wildness.density(residual) for (residual,) in each]
+        residuals = [residual for (residual,) in objective.residuals([one.case for one in fits])]
+        wildness = Wildness(objective, residuals[0], self._problem.noise)
+        return [wildness.density(residual) for residual in residuals]
 
     def _tried(self, one: Fit, beside: Fit) -> None:
         rare = one.structure.rare

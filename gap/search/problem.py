@@ -45,7 +45,7 @@ _TIMESTEP = 2e-3  # s, MuJoCo's own; parts are simulated no finer where that tel
 _MOST_WHOLE = 2.0  # times what is fitted in stretches
 _FEWEST, _FEWEST_OF_ALL = 3, 8  # of a robot's stretches, whatever their steps; of several robots'
 _RESOLUTION = 1e-7  # of single precision, in which many machines log
-_VALUES_OF_A_STEP = 12  # of the parts that are looked at; of more channels fewer samples are
+_VALUES_OF_A_STEP = 12  # of parts that are looked at, in the mean; a leg has fewer
 _APART = 0.01  # s; how far apart these are at most
 _MOST_PARTS = 8  # that are kept, with their numerical errors
 _RATHER = 0.5  # of what another way to read or to start changes, which is then the one told of
@@ -279,8 +279,11 @@ def build(
         some = making.picked(fitted, small, stretch, gaps)
         where = tuple(tuple((s.recording.name, s.first) for s in mine) for mine in some)
         key = stretch, longer, where
-        every = making.thinned(some, most)
-        return parts.get(key, lambda: making.half(fitted, some, fit.told, longer, every))
+
+        def made() -> Half:
+            return making.half(fitted, some, fit.told, longer, making.thinned(some, most))
+
+        return parts.get(key, made)
 
     return Problem(
         robots=making.robots,

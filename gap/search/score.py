@@ -183,11 +183,10 @@ class Scoring:
         """
         made_of = [one for far, kept in structures for one in self._without_parts(far, kept)]
         squares = self._foretold.squares(np.stack(made_of))
-        last = len(made_of) // len(structures) - 1
         return [
             Scores(
                 squares=each[0].copy(),  # which lasts longer than the others
-                elsewhere=each[last].copy(),
+                elsewhere=each[-1].copy(),
                 count=self._count,
                 memory=memory,
                 floor=self._floor,

@@ -109,13 +109,14 @@ class Replay:
         self._hold: Hold = hold
         self._rebuilt = Latest(_MOST_REBUILT)
         samples = [slice(segment.first, segment.last, every) for segment in segments]
-        lengths = [len(range(some.start, some.stop, every)) for some in samples]
+        times = [
+            s.recording.time[some] - s.start for s, some in zip(segments, samples, strict=True)
+        ]
+        lengths = [len(time) for time in times]
         ends = np.cumsum(lengths)
         rows = [slice(int(e - n), int(e)) for e, n in zip(ends, lengths, strict=True)]
         self.segment_of_row = np.repeat(np.arange(len(lengths)), lengths)
-        self.time_of_row = np.concatenate(
-            [s.recording.time[some] - s.start for s, some in zip(segments, samples, strict=True)]
-        )
+        self.time_of_row = np.concatenate(times)
         self.measured = np.full((int(ends[-1]), len(self.channels)), np.nan)
         for segment, some, span in zip(segments, samples, rows, strict=True):
             for c, channel in enumerate(self.channels):

@@ -34,8 +34,8 @@ def scored(one: Objective, found: Fit, *step: float) -> Scores:
     foretold, n = Foretold(one, slopes), len(found.values)
     far = foretold.far(np.pad(step, (0, n - len(step))))
     scoring = Scoring(one, found, foretold, np.full(1, FLOOR))
-    (found,) = scoring.scores([(far, np.arange(n))], memory_of(one, slopes.residual))
-    return found
+    (scores,) = scoring.scores([(far, np.arange(n))], memory_of(one, slopes.residual))
+    return scores
 
 
 def test_a_fold_is_a_part_of_one_recording_and_a_tenth_of_all_at_most(recordings):
