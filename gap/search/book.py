@@ -8,6 +8,7 @@ book.best                # the member that the table prefers
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -198,7 +199,7 @@ class Book:
         """
         objective = self._problem.fit.objective
         self._problem.fit.refine(one)
-        self._alone.append(one)
+        self._alone = [*self._alone, one]
         slopes = linearised(objective, one)
         reduction = Reduction(objective, one, slopes, self._problem.noise)
         itself = reduction.whole
@@ -211,8 +212,22 @@ class Book:
         self._table = None
         return itself
 
+    def stands(self, member: Member, told: Fit) -> bool:
+        """Whether the table still prefers the names of its best member, as that is told.
+
+        Args:
+            member: the best.
+            told: it, without what it does not need or cannot know.
+        """
+        if told.structure.key == member.fit.structure.key:
+            return True
+        then = copy(self)
+        then.came_down(member, told)
+        best, own = (one.structure.rare for one in (then.table.best.fit, told))
+        return {term.effect.name for term in best} == {term.effect.name for term in own}
+
     def came_down(self, member: Member, one: Fit) -> None:
-        """Puts a fit of other rare effects in the place of all that have those of a member."""
+        """Puts a fit with less in the place of all that have the rare effects of a member."""
         self._members = [other for other in self._members if other.rare != member.rare]
         self._put(member, one, ())
 

@@ -217,22 +217,31 @@ def _of_which_nothing_is_known(
     """Those of some effects of which no number is known beside the others that stay."""
     fitted = [term for term in terms if len(one.structure.columns(term))]
     parts = [one.structure.columns(term) for term in fitted]
-    return [fitted[k] for k in _unknown(KnownErrors(problem, one, slopes), parts)]
+    return [fitted[k] for k in unknown_parts(KnownErrors(problem, one, slopes), parts)]
 
 
-def _unknown(errors: KnownErrors, parts: Sequence[NDArray[np.int64]]) -> list[int]:
+def unknown_parts(
+    errors: KnownErrors, parts: Sequence[NDArray[np.int64]], lost: Sequence[float] | None = None
+) -> list[int]:
     """Which parts of a fit are those of which no number is known beside the others that stay.
 
-    The least known goes first; how well the others are known without it is linear algebra.
+    Of these the one goes first that is missed least, or the least known where that is not given;
+    how well the others are known without it is linear algebra.
+
+    Args:
+        errors: of the fit.
+        parts: indices of the values of each.
+        lost: by how much the score rises without each.
     """
     left, gone = [*range(len(parts))], list[int]()
     while left:
         each = errors.of(fixed=[k for part in gone for k in parts[part]])
-        known = [float(each[parts[part]].max()) for part in left]
-        least = int(np.argmin(known))
-        if known[least] >= KNOWN:
+        known = {part: float(each[parts[part]].max()) for part in left}
+        unknown = [part for part in left if known[part] < KNOWN]
+        if not unknown:
             break
-        gone.append(left.pop(least))
+        gone.append(min(unknown, key=known.__getitem__ if lost is None else lost.__getitem__))
+        left.remove(gone[-1])
     return gone
 
 
@@ -261,7 +270,8 @@ def _not_known(
     # What ran into a bound is no estimate, and what ends there is none of the rest.
     stopped = ran_away(one)
     gone = [unit for unit, own in rare.items() if stopped[own].any()]
-    gone = gone or [[*rare][k] for k in _unknown(errors, [*rare.values()])]
+    units, missing = [*rare], [lost.get(unit, np.inf) for unit in rare]
+    gone = gone or [units[k] for k in unknown_parts(errors, [*rare.values()], missing)]
     if gone:
         return [], structure.at(structure.units.keys() - {*gone})
     each = errors.of()

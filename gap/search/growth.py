@@ -55,6 +55,7 @@ class Search:
         self._others: dict[str, tuple[Fit, Fit]] = {}  # of an effect: a fit, and that without it
         self._aside: frozenset[str] = frozenset()  # rare effects that came with the ground
         self._met: set[Hashable] = set()  # structures beside which all effects were looked at
+        self._needed: dict[Fit, Fit] = {}  # a fit, and what of it is told
 
     def rare(self, effects: Sequence[Effect], current: Fit) -> None:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
@@ -73,7 +74,8 @@ class Search:
         """Has what may be the best fitted by itself.
 
         Returns:
-            What of the best is told: that without what it does not need.
+            What of the best is told: that without what it does not need or cannot know. It is still
+            the best; where another is better than what is left of it, that is told.
         """
         problem, book = self._problem, self._book
         leaned: dict[frozenset[str], Fit] = {}
@@ -84,14 +86,20 @@ class Search:
                 continue
             best = book.best
             names = _rare_names(best.fit)
-            told = leaned.get(names) or only_needed(problem, best.fit)
+            told = leaned.get(names) or self._only_needed(best.fit)
             needed = _rare_names(told)
-            if needed == names:
+            if needed == names and book.stands(best, told):
                 problem.fit.refine(told)
                 return told
             leaned[needed] = told
             gone = [t for t in best.fit.structure.rare if t.effect.name not in needed]
-            book.came_down(best, fitted_without(problem, best.fit, gone))
+            book.came_down(best, fitted_without(problem, best.fit, gone) if gone else told)
+
+    def _only_needed(self, one: Fit) -> Fit:
+        """A fit without what it does not need or cannot know; found once."""
+        if one not in self._needed:
+            self._needed[one] = only_needed(self._problem, one)
+        return self._needed[one]
 
     def once_more(
         self, effects: Sequence[Effect], grown: Fit, nothing: Fit, plain: Fit, told: Fit
@@ -110,7 +118,7 @@ class Search:
             return told
         found = self._grown(effects, nothing, known=[known.structure.key])
         if found is nothing:
-            return told
+            return self.compare()  # what was told with what else was found
         has = {term.effect.name for term in found.structure.terms}
         more = [t for t in plain.structure.terms if t.effect.name not in has]
         problem.fit.refine(found)

@@ -12,8 +12,10 @@ from scipy.optimize import brentq
 from tests.gap.search.test_naming import LEG, fitted, hide, problem_of
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.book import Book, KnownErrors, stopped_since
+from walkerkit.gap.search.by_itself import unknown_parts
 from walkerkit.gap.search.certainty import covariance
 from walkerkit.gap.search.compare import Member, Rare, is_worth_a_name, rare_effects
+from walkerkit.gap.search.decision import KNOWN
 from walkerkit.gap.search.fit import evaluate
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.slopes import linearised
@@ -86,6 +88,36 @@ def test_what_comes_down_to_other_rare_effects_leaves_the_table(leg: Problem) ->
     book.fit_what_is_in_the_running(alone)
     assert book.best.rare == of_single
     assert not asked  # it is by itself already
+
+
+def test_what_is_left_of_the_best_has_to_be_better_than_what_others_explain(leg: Problem) -> None:
+    book = Book(leg)
+    both = book.add(rubbed(leg, "knee", "ankle"))
+    ankle = rubbed(leg, "ankle")
+    book.add(fitted(leg, coulomb_friction=["knee"], com_offset=["thigh", "shin"]))
+    book.fit_what_is_in_the_running(lambda member: member.fit)
+    before, best = book.table, book.best
+    assert best.fit is both
+    assert book.stands(best, both)
+    assert not book.stands(best, ankle)  # weights elsewhere make up for more than that
+    assert book.table is before
+    alone = Book(leg)
+    alone.add(both)
+    assert alone.stands(alone.best, ankle)
+
+
+def test_of_what_is_not_known_that_is_left_out_first_which_is_missed_least(leg: Problem) -> None:
+    found = rubbed(leg, "knee", "ankle")
+    values = np.array([found.values[0], 1e-3, 1.1e-3])
+    (hardly,) = evaluate(leg.fit.objective, [(found.structure, values)])
+    errors = KnownErrors(leg, hardly, linearised(leg.fit.objective, hardly))
+    assert (errors.of()[1:] < KNOWN).all()
+    parts = [np.array([1]), np.array([2])]
+    assert unknown_parts(errors, parts, [2.0, 1.0]) == [1, 0]
+    assert unknown_parts(errors, parts, [1.0, 2.0]) == [0, 1]
+    assert unknown_parts(errors, parts)[0] == int(np.argmin(errors.of()[1:]))
+    sure = KnownErrors(leg, found, linearised(leg.fit.objective, found))
+    assert unknown_parts(sure, parts, [1.0, 2.0]) == []
 
 
 def test_what_others_with_fewer_rare_effects_do_as_well_leaves_the_table(leg: Problem) -> None:
