@@ -136,7 +136,9 @@ def _wired(found: Diagnosis) -> tuple[Named, ...]:
 
 def _named(found: Diagnosis, setting: Setting, error: Planted | None) -> tuple[Named, ...]:
     def true(effect: str, of: Estimate) -> float | None:
-        if error is None or effect != error.effect or of.place not in (error.place, EVERYWHERE):
+        if error is None or effect != error.effect:
+            return None
+        if EVERYWHERE not in (error.place, of.place) and of.place != error.place:
             return None
         # What was not planted of an effect, such as the other angle of a tilt, is not there.
         return error.truth.get(of.name, 0.0)

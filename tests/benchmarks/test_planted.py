@@ -193,19 +193,22 @@ def with_own_sidecar(path: str | Path) -> Robot:
 
 
 class TestRunning:
-    FEW = ("coulomb_friction", "torque_bias")
+    FEW = ("coulomb_friction", "command_delay", "torque_bias")
 
-    def test_a_plant_is_named_where_it_is(self, known):
+    @pytest.mark.parametrize(
+        ("kind", "effect"), [("coulomb_friction", "coulomb_friction"), ("delay", "command_delay")]
+    )
+    def test_a_plant_is_named_where_it_is(self, known, kind, effect):
         best_model(LOG, known, rounds=0)
-        found = run_case(Job(case=case("coulomb_friction"), best=known), effects=self.FEW)
+        found = run_case(Job(case=case(kind), best=known), effects=self.FEW)
         assert found.shows
-        assert found.outcome.named[0].effect == "coulomb_friction"
+        assert found.outcome.named[0].effect == effect
         assert found.outcome.named[0].places == ("arm",)
         assert sizes_right(found) is not None
         (value, *_) = found.outcome.named[0].values
         assert value.value == pytest.approx(value.true, rel=0.1)
         assert PlantedOutcome.from_json(found.to_json()) == found
-        assert "coulomb_friction" in line(found)
+        assert effect in line(found)
 
     def test_what_does_not_show_is_not_asked_about(self, known, monkeypatch):
         monkeypatch.setattr(running, "shows", lambda best, with_it: False)
