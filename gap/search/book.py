@@ -223,8 +223,7 @@ class Book:
             return True
         then = copy(self)
         then.came_down(member, told)
-        best, own = (one.structure.rare for one in (then.table.best.fit, told))
-        return {term.effect.name for term in best} == {term.effect.name for term in own}
+        return then.table.best.fit.structure.rare_names == told.structure.rare_names
 
     def came_down(self, member: Member, one: Fit) -> None:
         """Puts a fit with less in the place of all that have the rare effects of a member."""

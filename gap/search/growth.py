@@ -61,7 +61,7 @@ class Search:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
         current = self._worth_their_names(current)
         begun = current.structure.rare  # of a floating base, which no other met
-        self._aside = _rare_names(current)
+        self._aside = current.structure.rare_names
         current = self._grown(effects, current)
         for _ in range(_EXCHANGES):
             self._exchange(effects, current, begun)
@@ -85,9 +85,9 @@ class Search:
                 self._choose_again(book.best)
                 continue
             best = book.best
-            names = _rare_names(best.fit)
+            names = best.fit.structure.rare_names
             told = leaned.get(names) or self._only_needed(best.fit)
-            needed = _rare_names(told)
+            needed = told.structure.rare_names
             if needed == names and book.stands(best, told):
                 problem.fit.refine(told)
                 return told
@@ -112,7 +112,7 @@ class Search:
         """
         problem, book = self._problem, self._book
         known = book.best.fit
-        others = _rare_names(known) - _rare_names(grown)
+        others = known.structure.rare_names - grown.structure.rare_names
         as_good = known.score < grown.score + LEAST_GAIN
         if problem.on_feet or (known.structure.terms and (others or as_good)):
             return told
@@ -285,14 +285,10 @@ class Search:
         promises = one.score < book.best.fit.score - LEAST_GAIN
         if book.has(one) or (beside is not None and not beside.structure.rare) or not promises:
             return
-        new = _rare_names(one) - (_rare_names(beside) if beside else frozenset())
+        new = one.structure.rare_names - (beside.structure.rare_names if beside else frozenset())
         known = without_stand_ins(problem, one, for_the_sake_of=new)
         if known.structure.rare and known.structure.key != one.structure.key:
             book.add(known, beside=beside)
-
-
-def _rare_names(one: Fit) -> frozenset[str]:
-    return frozenset(term.effect.name for term in one.structure.rare)
 
 
 def _left_out(problem: Problem, one: Fit, term: Term) -> Fit:
@@ -305,7 +301,7 @@ def _left_out(problem: Problem, one: Fit, term: Term) -> Fit:
 def _is_more(one: Fit, current: Fit) -> bool:
     """Whether a fit has more rare effects than another, or others."""
     more = len(one.structure.rare) > len(current.structure.rare)
-    return more or not _rare_names(one) <= _rare_names(current)
+    return more or not one.structure.rare_names <= current.structure.rare_names
 
 
 def _at_needed_places(problem: Problem, book: Book, full: Fit) -> Fit:

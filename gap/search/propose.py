@@ -120,7 +120,7 @@ def _started(
     chosen = _chosen(problem, view, always, least)
     if instead_of is None:
         chosen += [view.start(pair) for pair in _pairs(view)]
-        if {term.effect.name for term in current.structure.rare} <= {*aside}:
+        if current.structure.rare_names <= {*aside}:
             chosen += _afresh(problem, current, terms)
     if not chosen:
         return [], current

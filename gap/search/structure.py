@@ -123,6 +123,11 @@ class Structure:
         """The terms of effects that not every model has a little wrong, and that are fitted."""
         return tuple(t for t in self.terms if t.effect.fitted and not t.effect.ordinary)
 
+    @property
+    def rare_names(self) -> frozenset[str]:
+        """Names of those effects."""
+        return frozenset(term.effect.name for term in self.rare)
+
     @cached_property
     def zero(self) -> FloatArray:
         """(n_parameters,) values at which the robots are unchanged."""

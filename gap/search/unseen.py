@@ -37,7 +37,7 @@ _FITTED, _STEPS = 2, 4  # of them, that promise most without a part, and steps o
 
 def looks_of(structure: Structure) -> Looks:
     """The rare effects of which one look was chosen from several, at each of their places."""
-    rare = {term.effect.name for term in structure.rare}
+    rare = structure.rare_names
     return frozenset(
         slot.unit
         for slot in structure.slots
