@@ -132,16 +132,32 @@ class Group:
             self.applied[s, :, route.joint.dof] += values
 
     def feed_forward(self, trials: Trials, lead: FloatArray, steps: int) -> FloatArray | None:
-        """Feed-forward effort, (n, n_segments, steps, nv), or None where there is none."""
+        """Feed-forward effort, (n, n_segments, steps, nv), or None where there is none.
+
+        It comes with a joint's other targets, and so as late.
+        """
         if not self.applied.any():
             return None
         step = self.robot.model.opt.timestep
-        nv = self.robot.model.nv
-        applied = delayed(self.applied, self.past, steps, np.tile(lead[..., None] / step, nv))
-        applied = np.array(applied)
-        for name in self.joints:
-            applied[..., self.robot.joints[name].dof] /= trials.effort_scale[name][:, None, None]
+        joints = [self.robot.joints[name] for name in self.joints]
+        late = np.tile(lead[..., None], self.robot.model.nv)
+        for joint in joints:
+            late[..., joint.dof] += self._late(joint, trials)[:, None]
+        applied = np.array(delayed(self.applied, self.past, steps, late / step))
+        for joint in joints:
+            applied[..., joint.dof] /= trials.effort_scale[joint.name][:, None, None]
         return applied
+
+    def _late(self, joint: Joint, trials: Trials) -> FloatArray:
+        """(n,) how late a joint's drives get its targets [s]."""
+        own, step = trials.fields.get("actuator_delay"), self.robot.model.opt.timestep
+        known = self.robot.model.actuator_delay[None] if own is None else own
+        each = [
+            made_delay(known[:, drive.actuator], step) + (drive.late if drive.in_python else 0.0)
+            for drive in joint.drives
+        ]
+        late: FloatArray = trials.command_delay[joint.name] + (np.min(each, axis=0) if each else 0)
+        return late
 
     def voltage(self, lead: FloatArray, steps: int) -> FloatArray:
         """Voltage of the supply, (n · n_segments, steps, 1) [V]; NaN where it was not logged.

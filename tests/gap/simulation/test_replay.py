@@ -464,6 +464,31 @@ class TestDelays:
         np.testing.assert_allclose(late, expected, **NEAR)
         assert np.abs(late - prompt).max() > 1e-3
 
+    @pytest.mark.parametrize("native", [0, 3], ids=["the log's", "the model's too"])
+    def test_feed_forward_effort_is_as_late_as_the_target_beside_it(self, native):
+        """A drive gets both in one command; at other joints nothing is late."""
+        own = f'delay="{native * STEP}" nsample="{native}"' if native else ""
+        robot = arm(SERVO.format("hip", 60, 2, own) + SERVO.format("knee", 25, 1, ""))
+        time = STEP * np.arange(300)
+        forward = {f"{joint}/effort_target": 3 * np.sin(9 * time + 1) for joint in JOINTS}
+        recording, late = log(time, **forward), 5 + native
+        trials = Trials(robot, 1)
+        trials.command_delay["hip"] += 5 * STEP
+        (got,) = Replay(robot, whole(recording), CHANNELS, hold="zero_order").predict(trials)
+
+        def sent(columns):
+            age = {"hip": late * STEP, "knee": 0.0}
+            return lambda t: [held(recording, f"{j}/{columns}", t - age[j])[0] for j in JOINTS]
+
+        expected = by_hand(
+            arm().model,
+            starts(recording, time[0]),
+            sent("position_target"),
+            time,
+            sent("effort_target"),
+        )
+        np.testing.assert_allclose(got[:, :4], expected[:, :4], **NEAR)
+
     def test_command_delay_adds_to_the_models_own(self):
         native = 'delay="0.006" nsample="4" interp="linear"'
         robot = arm(SERVO.format("hip", 60, 2, native) + SERVO.format("knee", 25, 1, ""))
