@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.actuators.drive import Drive
+from walkerkit.actuators.drivetrain import CommandDelay
 from walkerkit.gap.recordings.segments import Segment
 from walkerkit.gap.recordings.state import MeasuredState
 from walkerkit.gap.simulation.commands import Hold, Route, between_samples, routes
@@ -149,14 +150,14 @@ class Group:
         return applied
 
     def _late(self, joint: Joint, trials: Trials) -> FloatArray:
-        """(n,) how late a joint's drives get its targets [s]."""
+        """(n,) how late a joint's drives get its targets, on whatever way there [s]."""
         own, step = trials.fields.get("actuator_delay"), self.robot.model.opt.timestep
         known = self.robot.model.actuator_delay[None] if own is None else own
-        each = [
-            made_delay(known[:, drive.actuator], step) + (drive.late if drive.in_python else 0.0)
-            for drive in joint.drives
-        ]
-        late: FloatArray = trials.command_delay[joint.name] + (np.min(each, axis=0) if each else 0)
+        late = np.array(trials.command_delay[joint.name])
+        late += trials.laws.get((CommandDelay, joint.name, "delay"), 0.0)
+        if joint.drives:
+            each = [made_delay(known[:, one.actuator], step) + one.late for one in joint.drives]
+            late += np.min(each, axis=0)
         return late
 
     def voltage(self, lead: FloatArray, steps: int) -> FloatArray:

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from walkerkit.actuators.drivetrain import CommandDelay
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.errors import InputError
 from walkerkit.gap.recordings.recording import Recording
@@ -464,16 +465,22 @@ class TestDelays:
         np.testing.assert_allclose(late, expected, **NEAR)
         assert np.abs(late - prompt).max() > 1e-3
 
-    @pytest.mark.parametrize("native", [0, 3], ids=["the log's", "the model's too"])
-    def test_feed_forward_effort_is_as_late_as_the_target_beside_it(self, native):
+    @pytest.mark.parametrize("more", [None, "the model's", "a drive's", "a law's"])
+    def test_feed_forward_effort_is_as_late_as_the_target_beside_it(self, more):
         """A drive gets both in one command; at other joints nothing is late."""
-        own = f'delay="{native * STEP}" nsample="{native}"' if native else ""
-        robot = arm(SERVO.format("hip", 60, 2, own) + SERVO.format("knee", 25, 1, ""))
+        native = f'delay="{3 * STEP}" nsample="3"' if more == "the model's" else ""
+        robot = arm(SERVO.format("hip", 60, 2, native) + SERVO.format("knee", 25, 1, ""))
+        if more == "a drive's":
+            (drive,) = robot.joints["hip"].drives
+            hip = replace(robot.joints["hip"], drives=(replace(drive, late=3 * STEP),))
+            robot = replace(robot, joints={**robot.joints, "hip": hip})
         time = STEP * np.arange(300)
         forward = {f"{joint}/effort_target": 3 * np.sin(9 * time + 1) for joint in JOINTS}
-        recording, late = log(time, **forward), 5 + native
+        recording, late = log(time, **forward), 8 if more else 5
         trials = Trials(robot, 1)
         trials.command_delay["hip"] += 5 * STEP
+        if more == "a law's":
+            trials.law(CommandDelay, "hip")["delay"][:] = 3 * STEP
         (got,) = Replay(robot, whole(recording), CHANNELS, hold="zero_order").predict(trials)
 
         def sent(columns):
