@@ -8,7 +8,6 @@ book.best                # the member that the table prefers
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Sequence
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -212,23 +211,12 @@ class Book:
         self._table = None
         return itself
 
-    def stands(self, member: Member, told: Fit) -> bool:
-        """Whether the table still prefers the names of its best member, as that is told.
-
-        Args:
-            member: the best.
-            told: it, without what it does not need or cannot know.
-        """
-        if told.structure.key == member.fit.structure.key:
-            return True
-        then = copy(self)
-        then.came_down(member, told)
-        return then.table.best.fit.structure.rare_names == told.structure.rare_names
-
     def came_down(self, member: Member, one: Fit) -> None:
         """Puts a fit with less in the place of all that have the rare effects of a member."""
         self._members = [other for other in self._members if other.rare != member.rare]
-        self._put(member, one, ())
+        itself = self._put(member, one, ())
+        if self._among is not None:
+            self._among = self._among | {itself.key}
 
     def was_chosen_by_all(self, member: Member) -> bool:
         """Whether a member has looks that nobody chose again without what they are to predict."""

@@ -2,7 +2,7 @@
 
     table = Table(members)
     table.weights                    # (n,) posterior weights, pseudo-BMA+
-    table.confidence(["payload"])    # the weight of all structures that have it
+    table.confidence([{"payload"}])  # the weight of all structures that have it
     print(table.frame())             # structures, elpd, difference, its standard error, weight
 
 A structure's weight goes with its prior times exp(elpd / T), where elpd is that of draws of the
@@ -37,6 +37,8 @@ from walkerkit.gap.search.structure import Fit, Structure, Unit, merged
 FloatArray = NDArray[np.float64]
 Places = Mapping[str, tuple[str, ...]]
 Rare = frozenset[tuple[str, tuple[str, ...]]]
+Ways = Collection[Set[str]]
+"""Names of an effect, and of those that are it together: the recordings cannot tell which."""
 
 _DRAWS, _SEED = 1000, 20260101
 
@@ -70,6 +72,10 @@ class Member:
     def units(self) -> frozenset[Unit]:
         """Its effects at each of their places."""
         return frozenset((name, place) for name, places in self.effects.items() for place in places)
+
+    def has(self, ways: Ways) -> bool:
+        """Whether it has an effect by any of its names."""
+        return any(way <= self.effects.keys() for way in ways)
 
     @property
     def rare(self) -> Rare:
@@ -183,26 +189,26 @@ class Table:
         near = np.flatnonzero(worth >= worth.max() - 0.5 * PRICE_PLACE)
         return min((self.members[k] for k in near), key=lambda member: len(member.kept))
 
-    def confidence(self, effects: Collection[str]) -> float:
-        """The weight of all structures that have one of some effects."""
-        has = [not member.effects.keys().isdisjoint(effects) for member in self.members]
+    def confidence(self, ways: Ways) -> float:
+        """The weight of all structures that have an effect by any of its names."""
+        has = [member.has(ways) for member in self.members]
         return float(min(1.0, self.weights[has].sum()))
 
-    def share(self, effects: Collection[str], quantities: Sequence[str]) -> float:
-        """What of the gap of the smallest structure comes back without some effects.
+    def share(self, ways: Ways, quantities: Sequence[str]) -> float:
+        """What of the gap of the smallest structure comes back without an effect.
 
         Of blocks that fits have not seen, as in the comparison. Squared gaps of all channels of a
         quantity are added up, as in the gap that is told, so that joints with small gaps count
         little; of quantities the mean.
 
         Args:
-            effects: names of them.
+            ways: its names.
             quantities: (n_scored,) that of each channel.
 
         Returns:
-            By the best structure that has none of them; infinity where none was fitted.
+            By the best structure that lacks it; infinity where none was fitted.
         """
-        lacks = [member.effects.keys().isdisjoint(effects) for member in self.members]
+        lacks = [not member.has(ways) for member in self.members]
         if not any(lacks):
             return np.inf
         without = self.members[int(np.argmax(np.where(lacks, self.worth, -np.inf)))]
@@ -214,38 +220,42 @@ class Table:
             shares.append((back - left) / max(whole, np.finfo(float).tiny))
         return float(np.mean(shares))
 
-    def exchanges(
-        self, effect: str, told: Set[str], equivalent: Collection[str] = ()
-    ) -> dict[str, Member]:
+    def exchanges(self, effect: str, told: Set[str], ways: Ways = ()) -> dict[str, Member]:
         """What could be in an effect's place.
 
         Args:
             effect: its name.
             told: names of all that is told.
-            equivalent: names of those that no recording of these channels can tell from it. What
-                has one of them has it by another name, and nothing else in its place.
+            ways: its names. What has it by another one has nothing else in its place.
 
         Returns:
             Of the structures that hold `CONFUSION` of the weight those that lack nothing else of
             what is told, by the name of what they have instead, most probable first. What has yet
-            more instead than another has that for something that is not told.
+            more instead than another has that for something that is not told. In place of a rare
+            effect, what is ordinary may follow otherwise.
         """
         order = np.argsort(-self.weights, kind="stable")
         within = int(np.searchsorted(np.cumsum(self.weights[order]), CONFUSION)) + 1
         rivals = [self.members[k] for k in order[:within]]
+        follows = set() if _ordinary(effect) else {*filter(_ordinary, told)}
         rivals = [
             one
             for one in rivals
-            if told - one.effects.keys() == {effect} and one.effects.keys().isdisjoint(equivalent)
+            if told - one.effects.keys() - follows == {effect} and not one.has(ways)
         ]
-        best, found = self.best.effects.keys(), dict[str, Member]()
-        instead = [one.effects.keys() - best for one in rivals]
+        full, found = self._in_full(told), dict[str, Member]()
+        instead = [one.effects.keys() - full.effects.keys() for one in rivals]
         for one, names in zip(rivals, instead, strict=True):
             if not any(other and other < names for other in instead):
                 for name in one.effects:  # a set of names has another order in each process
                     if name in names:
                         found.setdefault(name, one)
         return found
+
+    def _in_full(self, told: Set[str]) -> Member:
+        """The best that has all that is told, which is reduced to that."""
+        best, having = self.best, [one for one in self.members if told <= one.effects.keys()]
+        return best if best in having or not having else max(having, key=self.worth_of)
 
     def frame(self) -> pd.DataFrame:
         """A row a structure: what it has, elpd, difference to the best with its se, weight."""

@@ -10,6 +10,7 @@ One by one or in pairs, as long as the table prefers a structure with one more.
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -74,26 +75,36 @@ class Search:
         """Has what may be the best fitted by itself.
 
         Returns:
-            What of the best is told: that without what it does not need or cannot know. It is still
-            the best; where another is better than what is left of it, that is told.
+            What of the best is told: that without what it does not need or cannot know. Where
+            another is better than what is left of it, they are compared as they would be told.
         """
         problem, book = self._problem, self._book
+        alone = partial(fitted_alone, problem)
         leaned: dict[frozenset[str], Fit] = {}
         while True:
-            book.fit_what_is_in_the_running(partial(fitted_alone, problem))
+            book.fit_what_is_in_the_running(alone)
             if book.was_chosen_by_all(book.best):
                 self._choose_again(book.best)
                 continue
-            best = book.best
-            names = best.fit.structure.rare_names
-            told = leaned.get(names) or self._only_needed(best.fit)
-            needed = told.structure.rare_names
-            if needed == names and book.stands(best, told):
-                problem.fit.refine(told)
-                return told
-            leaned[needed] = told
-            gone = [t for t in best.fit.structure.rare if t.effect.name not in needed]
-            book.came_down(best, fitted_without(problem, best.fit, gone) if gone else told)
+            best, as_told = book.best, copy(book)
+            told: dict[frozenset[str], Fit] = {}  # by the names that are told
+            while (names := best.fit.structure.rare_names) not in told:
+                one = leaned.get(names) or self._only_needed(best.fit)
+                needed = one.structure.rare_names
+                leaned[needed] = one
+                if needed != names:
+                    gone = [t for t in best.fit.structure.rare if t.effect.name not in needed]
+                    book.came_down(best, fitted_without(problem, best.fit, gone) if gone else one)
+                    break
+                told[names] = one
+                if one.structure.key != best.fit.structure.key:
+                    as_told.came_down(best, one)
+                    if as_told.table.best.fit.structure.rare_names not in told:
+                        as_told.fit_what_is_in_the_running(alone)
+                best = as_told.best
+            else:
+                problem.fit.refine(told[names])
+                return told[names]
 
     def _only_needed(self, one: Fit) -> Fit:
         """A fit without what it does not need or cannot know; found once."""

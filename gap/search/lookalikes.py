@@ -69,7 +69,7 @@ class Lookalikes:
         return tuple(sorted(most, key=lambda name: -self.passing[name]))
 
     def without(self, names: Collection[str]) -> Lookalikes:
-        """The same without what is no other thing, since no recording could tell it apart."""
+        """The same without what is no other thing than what is told."""
         passing = {name: part for name, part in self.passing.items() if name not in names}
         return replace(self, passing=passing)
 
@@ -142,7 +142,7 @@ class _Seen:
         numerical = NUMERICAL_LEFT * self.objective.numerical_size()
         noise = np.square(problem.noise) + np.square(numerical)
         self.of_noise = weights * self.objective.count * noise
-        self.least = weights * self.objective.count * (LEAST_CHANGE * self.objective.floor) ** 2
+        self.least = LEAST_CHANGE**2 * self.of_noise
 
     def changes(self, cases: Sequence[Case]) -> list[FloatArray]:
         """(n, rows, n_scored) what each row of each case changes; without those that diverge."""

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE, Effect
-from walkerkit.gap.effects.equivalences import equivalences
+from walkerkit.gap.effects.equivalences import equivalences, spelled_out
 from walkerkit.gap.search.book import Book, stopped_since
 from walkerkit.gap.search.by_itself import leaves_less, without_stand_ins
-from walkerkit.gap.search.compare import Member, Table
+from walkerkit.gap.search.compare import Member, Table, Ways
 from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.effort import Effort, EnoughError, Progress
 from walkerkit.gap.search.fit import evaluate, polished
@@ -50,6 +50,7 @@ class Named:
         term: where it is.
         confidence: the posterior weight of all structures that have it, or that have what no
             recording of these channels can tell from it; also beside what the catalogue lacks.
+        ways: its names, and those of what leaves the same log together.
         exchanges: what could be in its place, by name, most probable first.
         equivalent: those that no recording of these channels can tell from it, with the reason.
         lookalikes: what would pass for it, where something is left and its numbers are fitted.
@@ -57,6 +58,7 @@ class Named:
 
     term: Term
     confidence: float
+    ways: Ways
     exchanges: dict[str, Member]
     equivalent: dict[str, str]
     lookalikes: Lookalikes | None = None
@@ -291,7 +293,7 @@ def in_its_place(problem: Problem, explanation: Explanation, term: Term, name: s
 def _rank(problem: Problem, table: Table, one: Named) -> tuple[float, float]:
     """The surest first; of those as sure, the one without which most of the gap is back."""
     quantities = [channel.quantity for channel in problem.channels]
-    share = table.share({one.term.effect.name, *one.equivalent}, quantities)
+    share = table.share(one.ways, quantities)
     return -round(one.confidence, 2), -share
 
 
@@ -357,13 +359,18 @@ def _named(
     name, present = term.effect.name, {other.effect.name for other in final.structure.terms}
     known = _equivalent(problem, term, final)
     equivalent = {other: why for other, why in known.items() if other not in present}
-    confidence = table.confidence({name, *equivalent}) if term.effect.fitted else 1.0
-    unlisted = passing[name].without(equivalent) if name in passing else None
+    together = [{*pair} for pair in spelled_out(name, beside=present - {name})]
+    ways = [{name}, *({other} for other in equivalent), *together]
+    confidence = table.confidence(ways) if term.effect.fitted else 1.0
+    # A plain case of what is told is no other thing.
+    plain = {*equivalent, *term.effect.extends}.union(*spelled_out(name))
+    unlisted = passing[name].without(plain) if name in passing else None
     odds = 0.0 if unlisted is None else unlisted.odds
     return Named(
         term=term,
         confidence=unknown.beside(name, confidence) / (1 + odds),
-        exchanges=table.exchanges(name, present, equivalent),
+        ways=ways,
+        exchanges=table.exchanges(name, present, ways),
         equivalent=equivalent,
         lookalikes=unlisted,
     )

@@ -176,9 +176,9 @@ def test_confidence_is_the_weight_of_all_that_have_it(problem: Problem) -> None:
             member(problem, {}, bad),
         )
     )
-    assert table.confidence(["armature"]) == pytest.approx(1, abs=1e-6)
-    assert table.confidence(["viscous_friction"]) == pytest.approx(table.weights[1])
-    assert table.confidence(["payload"]) == 0
+    assert table.confidence([{"armature"}]) == pytest.approx(1, abs=1e-6)
+    assert table.confidence([{"viscous_friction"}]) == pytest.approx(table.weights[1])
+    assert table.confidence([{"payload"}]) == 0
 
 
 def test_what_could_be_exchanged_lacks_nothing_else(problem: Problem) -> None:
@@ -198,10 +198,38 @@ def test_what_could_be_exchanged_lacks_nothing_else(problem: Problem) -> None:
     }
     # What has it by another name has nothing else in its place.
     told = {"coulomb_friction"}
-    assert set(table.exchanges("coulomb_friction", told, ["velocity_gain"])) == {*both}
+    assert set(table.exchanges("coulomb_friction", told, [{"velocity_gain"}])) == {*both}
     far = Table((member(problem, both, alike), member(problem, {}, scores(0.1))))
     assert far.weights[0] > CONFUSION
     assert far.exchanges("armature", both.keys()) == {}
+
+
+def test_what_is_ordinary_may_follow_what_is_in_a_rare_effects_place(problem: Problem) -> None:
+    told = {"payload": ("shin",), "armature": ("knee",), "command_delay": ("*",)}
+    other = {"torque_constant": ("knee",), "command_delay": ("*",)}
+    table = Table((member(problem, told, scores(0.01)), member(problem, other, scores(0.01005))))
+    assert set(table.exchanges("payload", told.keys())) == {"torque_constant"}
+    assert table.exchanges("armature", told.keys()) == {}
+
+
+def test_what_is_told_though_another_is_better_has_that_in_its_place(problem: Problem) -> None:
+    told, better = {"armature": ("knee",), "payload": ("shin",)}, {"backlash": ("knee",)}
+    table = Table((member(problem, told, scores(0.01)), member(problem, better, scores(0.0099))))
+    assert table.best.effects == better
+    assert set(table.exchanges("payload", told.keys())) == {"backlash"}
+    assert set(table.exchanges("payload", {"payload"})) == {"backlash"}
+
+
+def test_two_that_leave_the_same_log_together_are_another_name(problem: Problem) -> None:
+    alike, ways = scores(0.01), [{"asymmetric_friction"}, {"coulomb_friction", "torque_bias"}]
+    told, pair, part = (
+        member(problem, dict.fromkeys(names, ("knee",)), alike)
+        for names in (ways[0], sorted(ways[1]), ["torque_bias"])
+    )
+    table = Table((told, pair, part))
+    assert table.confidence(ways) == pytest.approx(table.weights[:2].sum())
+    assert set(table.exchanges("asymmetric_friction", ways[0], ways)) == {"torque_bias"}
+    assert table.share(ways, ["position"]) == 0.0  # the best without it leaves as much
 
 
 def test_what_a_choice_owes_to_all_blocks_is_taken_off_their_densities(problem: Problem) -> None:
@@ -312,9 +340,9 @@ def test_what_comes_back_without_an_effect(problem: Problem) -> None:
     table = Table((nothing, without, best))
     assert table.best is best
     expected = np.mean([(5 - 2) / 10, (1.5**2 - 0.5**2) / 2**2])
-    share = table.share(["payload"], ["position", "position", "effort"])
+    share = table.share([{"payload"}], ["position", "position", "effort"])
     assert share == pytest.approx(expected)
-    assert Table((best,)).share(["payload"], ["position", "position", "effort"]) == np.inf
+    assert Table((best,)).share([{"payload"}], ["position", "position", "effort"]) == np.inf
 
 
 def test_what_comes_back_is_of_blocks_of_other_recordings_too(problem: Problem) -> None:
@@ -322,7 +350,9 @@ def test_what_comes_back_is_of_blocks_of_other_recordings_too(problem: Problem) 
     of = scores(1.0)
     without = member(problem, {}, replace(of, elsewhere=7 * of.squares))
     best = member(problem, {"payload": ("shin",)}, scores(0.5))
-    assert Table((without, best)).share(["payload"], ["position"]) == pytest.approx((4 - 0.25) / 4)
+    assert Table((without, best)).share([{"payload"}], ["position"]) == pytest.approx(
+        (4 - 0.25) / 4
+    )
 
 
 def test_of_those_that_hardly_differ_the_smallest_is_told(problem: Problem) -> None:

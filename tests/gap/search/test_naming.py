@@ -341,6 +341,7 @@ def test_what_by_itself_needs_an_effect_no_more_is_no_rival(problem: Make) -> No
     only = Named(
         term=right.structure.terms[0],
         confidence=1.0,
+        ways=[{"coulomb_friction"}],
         exchanges={"torque_bias": rival},
         equivalent={},
     )

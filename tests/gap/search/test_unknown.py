@@ -61,7 +61,7 @@ def test_a_wrong_name_that_says_no_more_than_any_effort_is_not_sure(
     found = explained(COGGING, effects=("torque_bias", "parallel_spring", "kinematic_error"))
     assert found.unknown is not None
     assert found.unknown > 0.99
-    assert found.table.confidence(["kinematic_error"]) > 0.9  # as if nothing else could be
+    assert found.table.confidence([{"kinematic_error"}]) > 0.9  # as if nothing else could be
     assert "kinematic_error" in confidence(found)
     assert all(sure < 0.9 for sure in confidence(found).values())
 
