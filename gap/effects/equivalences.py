@@ -35,6 +35,7 @@ class Equivalence:
         holds: whether they are equivalent at some joints of a robot.
         usual: they are on most robots, and count as equivalent where no robot is given.
         beside: an effect that has to be in the explanation already.
+        unless: effects that tell them apart where they are in the explanation.
         whole: the second effect is the first and that beside it together.
         reason: why, in a sentence.
     """
@@ -44,6 +45,7 @@ class Equivalence:
     holds: Condition
     usual: bool = False
     beside: str | None = None
+    unless: frozenset[str] = frozenset()
     whole: bool = False
     reason: str
 
@@ -77,6 +79,8 @@ def equivalences(
         if effect not in entry.effects or not entry.parted_by.isdisjoint(signals):
             continue
         if entry.beside is not None and entry.beside not in beside:
+            continue
+        if not entry.unless.isdisjoint(beside):
             continue
         (other,) = (name for name in entry.effects if name != effect)
         if entry.usual if robot is None else entry.holds(robot, joints):
@@ -239,6 +243,16 @@ def _gravity_leaves_alone(robot: Robot, joint: Joint) -> bool:
     return bool(abs(left) <= _PARALLEL)
 
 
+CHANGES_THE_DRIVES_EFFORT = frozenset(
+    {
+        *("load_dependent_friction", "directional_efficiency", "backlash"),
+        *("effort_limit", "torque_speed_limit", "torque_ripple"),
+        *("strength_drift", "supply_voltage", "supply_sag"),
+        *("actuator_lag", "loop_delay", "velocity_filter"),
+    }
+)
+"""Beside these the damping of a drive is not that of its joint."""
+
 _TABLE: tuple[Equivalence, ...] = (
     # From rest the motion answers u(t − d) with q(t − d), which is what a log that is late by d
     # shows; the effort is logged as it is made.
@@ -258,6 +272,7 @@ _TABLE: tuple[Equivalence, ...] = (
         parted_by=frozenset({"effort"}),
         holds=_driven_to_positions,
         usual=True,
+        unless=CHANGES_THE_DRIVES_EFFORT,
         reason=(
             "Without effort, a torque against the speed is the same from the joint and from the "
             "drive (also as back-EMF of a motor driven by voltage), as long as the drive is below "

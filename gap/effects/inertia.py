@@ -43,9 +43,14 @@ class Armature(JointEffect):
         return True
 
     def parameters(self, robot: Robot, site: str) -> tuple[Parameter, ...]:
-        """The reflected inertia to add; what the model has can be taken away."""
+        """The reflected inertia to add; what the model has can be taken away.
+
+        A model may lack as much as the joint moves: gears are chosen so that rotor and load match
+        (Pasch and Seering, ASME Journal of Mechanisms 106, 1984).
+        """
         joint = robot.joints[site]
-        size = 0.2 * float(robot.model.dof_M0[joint.dof])
+        moved = float(robot.model.dof_M0[joint.dof])
+        size = 0.2 * moved
         return (
             Parameter(
                 name="armature",
@@ -54,6 +59,7 @@ class Armature(JointEffect):
                 upper=100 * size,
                 scale=size,
                 starts=(0.5 * size, 2 * size),
+                prior=moved,
             ),
         )
 

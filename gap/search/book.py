@@ -8,6 +8,7 @@ book.best                # the member that the table prefers
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -210,6 +211,26 @@ class Book:
         self._members = [*kept, itself, *found]
         self._table = None
         return itself
+
+    def in_full(self, best: Member) -> Member:
+        """The best with all that is ordinary with which it is in the running, too."""
+        least = self.table.worth_of(best) + np.log(1 - CONFUSION)
+        worth = zip(self.table.members, self.table.worth, strict=True)
+        fuller = [
+            m for m, w in worth if m.rare == best.rare and m.units > best.units and w >= least
+        ]
+        return max([best, *fuller], key=lambda member: len(member.kept))
+
+    def as_told(self, best: Member) -> Book:
+        """Another book, in which structures may be reduced to what is told of them.
+
+        What has more rare effects than the best is not in it: that less of the best is known is no
+        reason to tell more.
+        """
+        other = copy(self)
+        other._members = [m for m in self._members if len(m.rare) <= len(best.rare)]
+        other._table = None
+        return other
 
     def came_down(self, member: Member, one: Fit) -> None:
         """Puts a fit with less in the place of all that have the rare effects of a member."""

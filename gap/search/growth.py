@@ -10,7 +10,6 @@ One by one or in pairs, as long as the table prefers a structure with one more.
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Sequence
-from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -56,7 +55,7 @@ class Search:
         self._others: dict[str, tuple[Fit, Fit]] = {}  # of an effect: a fit, and that without it
         self._aside: frozenset[str] = frozenset()  # rare effects that came with the ground
         self._met: set[Hashable] = set()  # structures beside which all effects were looked at
-        self._needed: dict[Fit, Fit] = {}  # a fit, and what of it is told
+        self._needed: dict[tuple[Fit, Hashable], Fit] = {}  # of a structure what is told
 
     def rare(self, effects: Sequence[Effect], current: Fit) -> None:
         """Enters into the book what the table wants of some rare effects, and their rivals."""
@@ -86,10 +85,10 @@ class Search:
             if book.was_chosen_by_all(book.best):
                 self._choose_again(book.best)
                 continue
-            best, as_told = book.best, copy(book)
+            best, as_told = book.best, book.as_told(book.best)
             told: dict[frozenset[str], Fit] = {}  # by the names that are told
             while (names := best.fit.structure.rare_names) not in told:
-                one = leaned.get(names) or self._only_needed(best.fit)
+                one = leaned.get(names) or self._only_needed(best)
                 needed = one.structure.rare_names
                 leaned[needed] = one
                 if needed != names:
@@ -106,11 +105,18 @@ class Search:
                 problem.fit.refine(told[names])
                 return told[names]
 
-    def _only_needed(self, one: Fit) -> Fit:
-        """A fit without what it does not need or cannot know; found once."""
-        if one not in self._needed:
-            self._needed[one] = only_needed(self._problem, one)
-        return self._needed[one]
+    def _only_needed(self, best: Member) -> Fit:
+        """What of the best structure is told; found once.
+
+        What is ordinary is there unless that is improbable: the best loses what it does not need or
+        cannot know once it has all of that.
+        """
+        full = self._book.in_full(best)
+        found = full.fit, full.key
+        if found not in self._needed:
+            alone = best.fit if full is best else fitted_alone(self._problem, full)
+            self._needed[found] = only_needed(self._problem, alone)
+        return self._needed[found]
 
     def once_more(
         self, effects: Sequence[Effect], grown: Fit, nothing: Fit, plain: Fit, told: Fit

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.search.compare import Member, is_worth_a_name, price_of_kind
-from walkerkit.gap.search.decision import LEAST_GAIN, PRICE_PLACE, TEMPERATURE
+from walkerkit.gap.search.decision import CONFUSION, LEAST_GAIN, PRICE_PLACE, TEMPERATURE
 from walkerkit.gap.search.fit import Promise
 from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.objective import Objective
@@ -113,6 +113,8 @@ class Reduction:
     def best(self, first: Sequence[Unit] = (), *, few: bool = False) -> Member:
         """The most probable structure that lacks some units.
 
+        What is worth a name stays as long as the structure with it is in the running, too.
+
         Args:
             first: what it lacks.
             few: it also lacks what is worth no name, though it may be more probable with that.
@@ -129,14 +131,20 @@ class Reduction:
             dropped.append(cheapest)
             values.leave_out(self.units[cheapest])
             less.append(([*dropped], values.away.copy()))
-        best, *others = self._each_lacking(less)
-        most = best
-        for member in others:
-            if self._worth(member) >= self._worth(most):
-                best = most = member
-            elif few and not is_worth_a_name(member, most, self._joints):
-                best = member
-        return best
+        members = self._each_lacking(less)
+        worth = np.array([self._worth(member) for member in members])
+        # Of those as probable the smallest.
+        k = len(worth) - 1 - int(np.argmax(worth[::-1]))
+        in_the_running = worth >= worth[k] + np.log(1 - CONFUSION)
+        while k and in_the_running[k - 1] and self._worth_a_name(members[k], members[k - 1]):
+            k -= 1
+        if not few:
+            return members[k]
+        enough = [one for one in members[k + 1 :] if not self._worth_a_name(one, members[k])]
+        return enough[-1] if enough else members[k]
+
+    def _worth_a_name(self, smaller: Member, fuller: Member) -> bool:
+        return is_worth_a_name(smaller, fuller, self._joints)
 
     def _without(self, units: Iterable[Unit]) -> _Values:
         values = deepcopy(self._given)

@@ -9,6 +9,7 @@ import pytest
 from walkerkit.gap.effects import CATALOGUE
 from walkerkit.gap.effects.equivalences import (
     _TABLE,
+    CHANGES_THE_DRIVES_EFFORT,
     carriers,
     equivalences,
     spelled_out,
@@ -267,6 +268,29 @@ def test_beside_bristles_a_bias_is_friction_of_two_sizes(bend):
     pair, signals = ("torque_bias", "asymmetric_friction"), ("position", "velocity", "effort")
     for one, other in (pair, pair[::-1]):
         assert set(equivalences(one, signals, beside=["presliding_friction"])) == {other}
+
+
+DAMPINGS = ("viscous_friction", "velocity_gain")
+
+
+@pytest.mark.parametrize(
+    "third", [n for n in CATALOGUE if n not in DAMPINGS and CATALOGUE[n].sites(arm(), ["knee"])]
+)
+def test_damping_of_joint_and_drive_differ_beside_what_changes_the_drives_effort(third):
+    robot, effect = arm(), CATALOGUE[third]
+    (site, *_) = effect.sites(robot, ["knee"])
+    starts = [parameter.starts for parameter in effect.parameters(robot, site)]
+    apart = 0.0
+    for k in (0, -1):
+        values = tuple(own[k] for own in starts)
+        planted = [{}, *({damping: (0.4,)} for damping in DAMPINGS)]
+        plain, one, other = (logs(robot, {third: values, **damping}) for damping in planted)
+        size, difference = (np.sqrt(np.mean(d**2, axis=0)) for d in (one - plain, one - other))
+        apart = max(apart, float((difference / size)[:2].max()))  # of position and velocity
+    assert (third in CHANGES_THE_DRIVES_EFFORT) is (apart > 0.02)
+    one, other = DAMPINGS
+    found = equivalences(one, ["position"], robot=robot, joints=["knee"], beside=[third])
+    assert (other in found) is (apart < 0.02)
 
 
 def test_every_pair_beside_a_third_is_simulated():
