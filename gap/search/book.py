@@ -221,8 +221,8 @@ class Book:
         ]
         return max([best, *fuller], key=lambda member: len(member.kept))
 
-    def as_told(self, best: Member) -> Book:
-        """Another book, in which structures may be reduced to what is told of them.
+    def to_be_told(self, best: Member) -> Book:
+        """Another book, in which structures may come down to what is told of them.
 
         What has more rare effects than the best is not in it: that less of the best is known is no
         reason to tell more.

@@ -77,44 +77,54 @@ class Search:
             What of the best is told: that without what it does not need or cannot know. Where
             another is better than what is left of it, they are compared as they would be told.
         """
-        problem, book = self._problem, self._book
-        alone = partial(fitted_alone, problem)
+        book = self._book
         leaned: dict[frozenset[str], Fit] = {}
         while True:
-            book.fit_what_is_in_the_running(alone)
+            book.fit_what_is_in_the_running(self._alone)
             if book.was_chosen_by_all(book.best):
                 self._choose_again(book.best)
-                continue
-            best, as_told = book.best, book.as_told(book.best)
-            told: dict[frozenset[str], Fit] = {}  # by the names that are told
-            while (names := best.fit.structure.rare_names) not in told:
-                one = leaned.get(names) or self._only_needed(best)
-                needed = one.structure.rare_names
-                leaned[needed] = one
-                if needed != names:
-                    gone = [t for t in best.fit.structure.rare if t.effect.name not in needed]
-                    book.came_down(best, fitted_without(problem, best.fit, gone) if gone else one)
-                    break
-                told[names] = one
-                if one.structure.key != best.fit.structure.key:
-                    as_told.came_down(best, one)
-                    if as_told.table.best.fit.structure.rare_names not in told:
-                        as_told.fit_what_is_in_the_running(alone)
-                best = as_told.best
-            else:
-                problem.fit.refine(told[names])
-                return told[names]
+            elif told := self._as_told(leaned):
+                self._problem.fit.refine(told)
+                return told
 
-    def _only_needed(self, best: Member) -> Fit:
-        """What of the best structure is told; found once.
+    def _as_told(self, leaned: dict[frozenset[str], Fit]) -> Fit | None:
+        """What is told, as it is told; None where the best is another since some of it came down.
+
+        Args:
+            leaned: by names of rare effects, what is told of what has or had them; is added to.
+        """
+        book = its = self._book
+        best, others = book.best, book.to_be_told(book.best)
+        told: dict[frozenset[str], Fit] = {}
+        while (names := best.fit.structure.rare_names) not in told:
+            one = leaned.get(names) or self._only_needed(best, its)
+            needed = one.structure.rare_names
+            leaned[needed] = one
+            if needed != names:
+                gone = [t for t in best.fit.structure.rare if t.effect.name not in needed]
+                book.came_down(best, fitted_without(self._problem, best.fit, gone))
+                return None
+            told[names] = one
+            if one.structure.key != best.fit.structure.key:
+                others.came_down(best, one)
+                if others.table.best.fit.structure.rare_names not in told:
+                    others.fit_what_is_in_the_running(self._alone)
+            best, its = others.best, others
+        return told[names]
+
+    def _alone(self, member: Member) -> Fit:
+        return fitted_alone(self._problem, member)
+
+    def _only_needed(self, best: Member, book: Book) -> Fit:
+        """What of the best structure of a book is told; found once.
 
         What is ordinary is there unless that is improbable: the best loses what it does not need or
         cannot know once it has all of that.
         """
-        full = self._book.in_full(best)
+        full = book.in_full(best)
         found = full.fit, full.key
         if found not in self._needed:
-            alone = best.fit if full is best else fitted_alone(self._problem, full)
+            alone = best.fit if full is best else self._alone(full)
             self._needed[found] = only_needed(self._problem, alone)
         return self._needed[found]
 

@@ -98,7 +98,7 @@ def test_what_is_left_of_the_best_has_to_be_better_than_what_others_explain(leg:
     book.fit_what_is_in_the_running(lambda member: member.fit)
     before, best = book.table, book.best
     assert best.fit is both
-    as_told = book.as_told(best)
+    as_told = book.to_be_told(best)
     as_told.came_down(best, ankle)
     assert as_told.best.rare != best.rare  # weights elsewhere make up for more than that
     assert book.table is before
