@@ -2,8 +2,7 @@
 
     python docs/_decision.py $WALKERKIT_DATA/go2_leg
 
-Of the front left leg of a real Go2: what is told, and the best whose hip has an encoder that errs
-with the angle.
+Of the front left leg of a real Go2: the best, and the best whose dry friction goes with the pose.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from walkerkit.gap.search.compare import Table
 from walkerkit.gap.search.decision import TEMPERATURE
 from walkerkit.gap.search.objective import BLOCK
 
-WITH = "kinematic_error"
+WITH = "pose_dependent_friction"
 CHANNEL = "FL_hip"
 
 
@@ -32,15 +31,15 @@ def picture(table: Table, channel: int) -> str:
         table: the comparison.
         channel: index of the scored channel whose residual is drawn.
     """
-    told = table.members.index(table.best)
+    best = table.members.index(table.best)
     has = [WITH in member.effects for member in table.members]
     other = int(np.argmax(np.where(has, table.worth, -np.inf)))
     residuals = []
-    for k in (told, other):
+    for k in (best, other):
         scores = table.members[k].scores
         count = np.maximum(scores.count[:, channel], 1)
         residuals.append(1e3 * np.sqrt(scores.squares[:, channel] / count))
-    densities = table.blocks[told], table.blocks[other]
+    densities = table.blocks[best], table.blocks[other]
     time = BLOCK * np.arange(len(densities[0]))
     adds_up = np.cumsum(densities[1] - densities[0])
     panels = [
@@ -51,7 +50,7 @@ def picture(table: Table, channel: int) -> str:
     return drawing(
         f"{CHANNEL} of a Go2, blocks that no fit saw",
         [[Panel(label=label, x=time, lines=lines) for label, lines in panels]],
-        words={"before": "told", "after": "with kinematic error", "difference": "with − told"},
+        words={"before": "best", "after": "with pose-dependent friction", "difference": "with − best"},
     )
 
 
