@@ -219,8 +219,11 @@ def diagnose(
         setup = replace(setup, beliefs=Beliefs.of(known, doubt))
         spending = effort if isinstance(effort, Effort) else Effort(effort)
 
+        answers = list[FirstAnswer]()
+
         def answered(problem: Problem, one: Fit) -> None:
             answer = first_answer(problem, one, time.perf_counter() - start)
+            answers.append(answer)
             if out is not None:
                 (Path(out) / FIRST).write_text(answer.to_json(), encoding="utf-8")
             if first is not None:
@@ -228,10 +231,10 @@ def diagnose(
 
         def run() -> Result:
             counted()
-            wanted = answered if first is not None or out is not None else None
-            result = _search(setup, chosen, progress, spending, wanted)
+            result = _search(setup, chosen, progress, spending, answered)
             diagnosis = result.diagnosis
-            told = (*diagnosis.notes, *warning_notes(warned))
+            plain = answers[-1].note(diagnosis.gap) if answers else None
+            told = (*([plain] if plain else ()), *diagnosis.notes, *warning_notes(warned))
             seconds = time.perf_counter() - start
             return replace(result, diagnosis=replace(diagnosis, notes=told, seconds=seconds))
 

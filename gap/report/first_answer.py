@@ -10,10 +10,13 @@ what else is missing is looked for beside that. The final answer takes its place
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass
 
+from walkerkit.gap.report.gaps import Gap
 from walkerkit.gap.report.quantity import quantity
 from walkerkit.gap.report.replayed import replay_half, unit_of
+from walkerkit.gap.search.decision import LEAST_GAIN
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.structure import Fit
 from walkerkit.gap.simulation.mend import mend
@@ -48,6 +51,23 @@ class FirstAnswer:
         return (
             f"First answer after {self.seconds:.0f} s: a plain fit of {', '.join(self.effects)} "
             f"takes the held-out gap {gaps}. Looking for what else is missing."
+        )
+
+    def note(self, gap: Gap) -> str | None:
+        """That it left less than what is told, which has only what is known; None if it did not.
+
+        Args:
+            gap: with what is told.
+        """
+        _, left, unit = self.signals["position"]
+        told = gap.position.after
+        if not gap.held_out or told <= math.exp(LEAST_GAIN) * left:
+            return None
+        return (
+            f"The plain fit of the first answer left {quantity(left, unit)} of the position, what "
+            f"is told leaves {quantity(told, unit)}: which of its other numbers are right these "
+            "recordings do not tell, and more of them may. For the smaller gap alone, call "
+            f"walkerkit.gap.fit(problem, {[*self.effects]})."
         )
 
     def to_json(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -98,6 +99,12 @@ def test_the_plain_fit_is_told_before_the_rest(tmp_path: Path) -> None:
     assert "takes the held-out gap of position from" in answer.sentence
     assert not (out / FILE).exists()
     assert np.isfinite(answer.seconds)
+    told = result.diagnosis.gap
+    assert answer.note(told) is None
+    better = replace(answer, signals={"position": (before, 0.5 * told.position.after, unit)})
+    note = better.note(told)
+    assert note is not None
+    assert "gap.fit(problem, ['viscous_friction'])" in note
 
 
 def test_quick_says_what_it_left_out(tmp_path: Path) -> None:
