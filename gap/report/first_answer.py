@@ -54,14 +54,16 @@ class FirstAnswer:
         )
 
     def note(self, gap: Gap) -> str | None:
-        """That it left less than what is told, which has only what is known; None if it did not.
+        """That it left less than what is told, which has only what is known.
+
+        None where it did not, or what is told leaves no gap.
 
         Args:
             gap: with what is told.
         """
         _, left, unit = self.signals["position"]
         told = gap.position.after
-        if not gap.held_out or told <= math.exp(LEAST_GAIN) * left:
+        if not gap.held_out or gap.position_at_floor or told <= math.exp(LEAST_GAIN) * left:
             return None
         return (
             f"The plain fit of the first answer left {quantity(left, unit)} of the position, what "

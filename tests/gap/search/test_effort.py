@@ -100,11 +100,14 @@ def test_the_plain_fit_is_told_before_the_rest(tmp_path: Path) -> None:
     assert not (out / FILE).exists()
     assert np.isfinite(answer.seconds)
     told = result.diagnosis.gap
-    assert answer.note(told) is None
     better = replace(answer, signals={"position": (before, 0.5 * told.position.after, unit)})
-    note = better.note(told)
+    assert told.position_at_floor
+    assert better.note(told) is None
+    left = replace(told, position=replace(told.position, after=0.6 * before))
+    note = answer.note(left)
     assert note is not None
     assert "gap.fit(problem, ['viscous_friction'])" in note
+    assert replace(answer, signals={"position": (before, 0.6 * before, unit)}).note(left) is None
 
 
 def test_quick_says_what_it_left_out(tmp_path: Path) -> None:
