@@ -50,7 +50,11 @@ def picture(table: Table, channel: int) -> str:
     return drawing(
         f"{CHANNEL} of a Go2, blocks that no fit saw",
         [[Panel(label=label, x=time, lines=lines) for label, lines in panels]],
-        words={"before": "best", "after": "with pose-dependent friction", "difference": "with − best"},
+        words={
+            "before": "best",
+            "after": "with pose-dependent friction",
+            "difference": "with − best",
+        },
     )
 
 
