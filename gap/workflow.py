@@ -233,8 +233,8 @@ def diagnose(
             counted()
             result = _search(setup, chosen, progress, spending, answered)
             diagnosis = result.diagnosis
-            plain = answers[-1].note(diagnosis.gap) if answers else None
-            told = (*([plain] if plain else ()), *diagnosis.notes, *warning_notes(warned))
+            plain = answers[-1].notes(diagnosis.gap) if answers else ()
+            told = (*plain, *diagnosis.notes, *warning_notes(warned))
             seconds = time.perf_counter() - start
             return replace(result, diagnosis=replace(diagnosis, notes=told, seconds=seconds))
 

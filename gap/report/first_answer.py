@@ -53,10 +53,10 @@ class FirstAnswer:
             f"takes the held-out gap {gaps}. Looking for what else is missing."
         )
 
-    def note(self, gap: Gap) -> str | None:
+    def notes(self, gap: Gap) -> tuple[str, ...]:
         """That it left less than what is told, which has only what is known.
 
-        None where it did not, or what is told leaves no gap.
+        Empty where it did not, or what is told leaves no gap.
 
         Args:
             gap: with what is told.
@@ -64,12 +64,12 @@ class FirstAnswer:
         _, left, unit = self.signals["position"]
         told = gap.position.after
         if not gap.held_out or gap.position_at_floor or told <= math.exp(LEAST_GAIN) * left:
-            return None
+            return ()
         return (
             f"The plain fit of the first answer left {quantity(left, unit)} of the position, what "
             f"is told leaves {quantity(told, unit)}: which of its other numbers are right these "
             "recordings do not tell, and more of them may. For the smaller gap alone, call "
-            f"walkerkit.gap.fit(problem, {[*self.effects]})."
+            f"gap.fit(gap.load(model, recordings), {[*self.effects]}) of walkerkit.",
         )
 
     def to_json(self) -> str:

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.search.certainty import covariance, ran_away
-from walkerkit.gap.search.compare import Member, Rare, Table, is_worth_a_name
-from walkerkit.gap.search.decision import CONFUSION, KNOWN, TEMPERATURE
+from walkerkit.gap.search.compare import Member, Rare, Table, in_the_running, is_worth_a_name
+from walkerkit.gap.search.decision import KNOWN, TEMPERATURE
 from walkerkit.gap.search.problem import Problem
 from walkerkit.gap.search.reduce import Reduction, ordinary
 from walkerkit.gap.search.score import Wildness
@@ -171,9 +171,9 @@ class Book:
             most: that beside which they are in the running.
             begun: rare effects.
         """
-        least, members = most + np.log(1 - CONFUSION), self.table.members
+        running, members = in_the_running(worth, most), self.table.members
         order = np.argsort(-worth, kind="stable")
-        return [members[k] for k in order if worth[k] >= least and members[k].rare not in begun]
+        return [members[k] for k in order if running[k] and members[k].rare not in begun]
 
     def _forget_what_did_not_come(self, tried: Collection[Rare]) -> None:
         """Forgets what slopes promise beyond the best of what was fitted by itself.
@@ -214,10 +214,12 @@ class Book:
 
     def in_full(self, best: Member) -> Member:
         """The best with all that is ordinary with which it is in the running, too."""
-        least = self.table.worth_of(best) + np.log(1 - CONFUSION)
-        worth = zip(self.table.members, self.table.worth, strict=True)
+        table = self.table
+        running = in_the_running(table.worth, table.worth_of(best))
         fuller = [
-            m for m, w in worth if m.rare == best.rare and m.units > best.units and w >= least
+            table.members[k]
+            for k in np.flatnonzero(running)
+            if table.members[k].rare == best.rare and table.members[k].units > best.units
         ]
         return max([best, *fuller], key=lambda member: len(member.kept))
 

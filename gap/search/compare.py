@@ -243,7 +243,7 @@ class Table:
             for one in rivals
             if told - one.effects.keys() - follows == {effect} and not one.has(ways)
         ]
-        full, found = self._in_full(told), dict[str, Member]()
+        full, found = self._best_having(told), dict[str, Member]()
         instead = [one.effects.keys() - full.effects.keys() for one in rivals]
         for one, names in zip(rivals, instead, strict=True):
             if not any(other and other < names for other in instead):
@@ -252,7 +252,7 @@ class Table:
                         found.setdefault(name, one)
         return found
 
-    def _in_full(self, told: Set[str]) -> Member:
+    def _best_having(self, told: Set[str]) -> Member:
         """The best that has all that is told, which is reduced to that."""
         best, having = self.best, [one for one in self.members if told <= one.effects.keys()]
         return best if best in having or not having else max(having, key=self.worth_of)
@@ -273,6 +273,17 @@ class Table:
         )
         table = table[self.once]
         return table.sort_values("weight", ascending=False, kind="stable", ignore_index=True)
+
+
+def in_the_running(worth: FloatArray, most: float) -> NDArray[np.bool_]:
+    """(n,) which structures have more than 1 − `CONFUSION` of the weight of another.
+
+    Args:
+        worth: (n,) logs of their weights.
+        most: that of the other.
+    """
+    running: NDArray[np.bool_] = worth >= most + np.log(1 - CONFUSION)
+    return running
 
 
 def is_worth_a_name(before: Member, after: Member, joints: Sequence[str]) -> bool:

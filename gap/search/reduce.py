@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from walkerkit.gap.effects import CATALOGUE
-from walkerkit.gap.search.compare import Member, is_worth_a_name, price_of_kind
-from walkerkit.gap.search.decision import CONFUSION, LEAST_GAIN, PRICE_PLACE, TEMPERATURE
+from walkerkit.gap.search.compare import Member, in_the_running, is_worth_a_name, price_of_kind
+from walkerkit.gap.search.decision import LEAST_GAIN, PRICE_PLACE, TEMPERATURE
 from walkerkit.gap.search.fit import Promise
 from walkerkit.gap.search.foretold import Foretold
 from walkerkit.gap.search.objective import Objective
@@ -135,8 +135,8 @@ class Reduction:
         worth = np.array([self._worth(member) for member in members])
         # Of those as probable the smallest.
         k = len(worth) - 1 - int(np.argmax(worth[::-1]))
-        in_the_running = worth >= worth[k] + np.log(1 - CONFUSION)
-        while k and in_the_running[k - 1] and self._worth_a_name(members[k], members[k - 1]):
+        running = in_the_running(worth, worth[k])
+        while k and running[k - 1] and self._worth_a_name(members[k], members[k - 1]):
             k -= 1
         if not few:
             return members[k]

@@ -102,12 +102,11 @@ def test_the_plain_fit_is_told_before_the_rest(tmp_path: Path) -> None:
     told = result.diagnosis.gap
     better = replace(answer, signals={"position": (before, 0.5 * told.position.after, unit)})
     assert told.position_at_floor
-    assert better.note(told) is None
+    assert better.notes(told) == ()
     left = replace(told, position=replace(told.position, after=0.6 * before))
-    note = answer.note(left)
-    assert note is not None
-    assert "gap.fit(problem, ['viscous_friction'])" in note
-    assert replace(answer, signals={"position": (before, 0.6 * before, unit)}).note(left) is None
+    (note,) = answer.notes(left)
+    assert "gap.fit(gap.load(model, recordings), ['viscous_friction'])" in note
+    assert replace(answer, signals={"position": (before, 0.6 * before, unit)}).notes(left) == ()
 
 
 def test_quick_says_what_it_left_out(tmp_path: Path) -> None:
